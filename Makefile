@@ -1,0 +1,75 @@
+# make run: everything from an empty machine to the report.  make help: the other targets.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
+JOBS ?= 2
+
+# Half of the bytes are in a few packages; installed beside the others they halve the time.
+LARGE := ^(mlflow|pandas|pyarrow|scikit-learn|scipy|sympy|torch)==
+# The lock is complete, so nothing is resolved; what is imported is compiled then, not all 60,000 files now.
+LOCKED := --no-deps --no-compile --no-build-isolation
+
+export DO_NOT_TRACK := true
+export DVC_NO_ANALYTICS := true
+export MLFLOW_DISABLE_TELEMETRY := true
+
+.DEFAULT_GOAL := help
+.PHONY: help setup run test ui bench deps clean
+
+help:
+	@echo "make run     install into $(VENV), run the pipeline, write data/reports/*/report.html"
+	@echo "make test    check format, style, types and imports, then run the tests"
+	@echo "make ui      browse the runs in MLflow (Ctrl-C ends it)"
+	@echo "make bench   measure every speed claim, one after the other"
+	@echo "make deps    bring the modules that the stages in dvc.yaml depend on up to date"
+	@echo "make clean   remove what is not in Git: data, caches, runs and $(VENV)"
+
+setup: $(VENV)/installed
+
+# The stamp is written last: an interrupted installation starts again.
+$(VENV)/locked: requirements.lock
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	    { echo "error: Python 3.11 or newer is needed; name one with 'make PYTHON=python3.12 …'" >&2; exit 1; }
+	rm -rf $(VENV)
+	$(PYTHON) -m venv $(VENV)
+	$(PIP) install 'pip>=25' $$(grep '^setuptools==' requirements.lock)
+	@grep -E  '$(LARGE)' requirements.lock > $(VENV)/large.txt
+	@grep -vE '$(LARGE)' requirements.lock > $(VENV)/small.txt
+	@echo "installing $$(grep -c == requirements.lock) packages, which takes a minute or two"
+	@printf '%s\n' large small | xargs -P 2 -I '{}' $(PIP) install $(LOCKED) -r '$(VENV)/{}.txt'
+	@# Adds what a lock made elsewhere cannot know, for instance the libraries of a torch built for a GPU.
+	$(PIP) install --no-compile --no-build-isolation -r requirements.lock
+	@touch $@
+
+$(VENV)/installed: $(VENV)/locked pyproject.toml
+	$(PIP) install --no-deps --no-build-isolation --editable .
+	@touch $@
+
+run: $(VENV)/installed
+	@git rev-parse --git-dir > /dev/null 2>&1 || { echo "error: DVC keeps its records in Git, and this folder is not a \
+	Git repository; clone it, or run 'git init' in it first" >&2; exit 1; }
+	PATH="$(CURDIR)/$(BIN):$$PATH" dvc repro
+
+test: $(VENV)/installed
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+	PATH="$(CURDIR)/$(BIN):$$PATH" OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(JOBS) --dist loadfile
+
+ui: $(VENV)/installed
+	$(BIN)/addressed-dynamics ui
+
+bench: $(VENV)/installed
+	@set -e; for script in benchmarks/*.py; do echo "== $$script"; $(BIN)/python "$$script"; done
+
+deps: $(VENV)/installed
+	$(BIN)/python tests/stage_dependencies.py
+
+clean:
+	rm -rf $(VENV) build .checkpoints .mlflow .dvc/cache .dvc/tmp data/raw data/tables data/models data/evaluation
+	rm -f data/reports/*/report.html data/reports/*/report.md
+	rm -rf .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache src/*.egg-info
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,119 @@
+"""What the three training stages share: their data, and trainings that are tracked in MLflow while they run."""
+
+import csv
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from addressed_dynamics import tracking
+from addressed_dynamics.features.samples import Samples
+from addressed_dynamics.features.spec import FeatureSpec, fit_features
+from addressed_dynamics.files import atomic_path
+from addressed_dynamics.models.stacked import StackedMLP
+from addressed_dynamics.params import FeatureParams
+from addressed_dynamics.tables import load_transitions
+from addressed_dynamics.training.epochs import Epoch
+from addressed_dynamics.training.jobs import Job, run_jobs
+from pipeline.common import tables_dir
+
+
+@dataclass(frozen=True)
+class TrainingData:
+    """The samples of an experiment, and how they were made."""
+
+    features: FeatureSpec
+    """Normalisation and targets, from the training episodes alone."""
+    train: Samples
+    """Samples to train on."""
+    validation: Samples
+    """Samples to choose by."""
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What tells these data from others, for checkpoints."""
+        return {"train": self.train.fingerprint(), "validation": self.validation.fingerprint()}
+
+
+def load_training_data(experiment: str, features: FeatureParams | FeatureSpec) -> TrainingData:
+    """Read the training and validation samples of `experiment`, with features to be fitted or those of a model."""
+    train = load_transitions(tables_dir(experiment), split="train")
+    validation = load_transitions(tables_dir(experiment), split="validation")
+    spec = features if isinstance(features, FeatureSpec) else fit_features(train, features.target)
+    return TrainingData(spec, spec.samples(train), spec.samples(validation))
+
+
+@dataclass(frozen=True)
+class TrackedJob:
+    """A training with what MLflow should show of it."""
+
+    job: Job
+    """The training."""
+    title: str
+    """Name of its run."""
+    params: Mapping[str, Any]
+    """What it depends on."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """What the runs of a stage have in common."""
+
+    name: str
+    """Name of the stage."""
+    experiment: str
+    """Name of the experiment."""
+    params_file: Path
+    """Where the params come from."""
+    processes: int
+    """Trainings at the same time."""
+
+
+def train_tracked(
+    stage: Stage, jobs: Mapping[str, TrackedJob], finish: Callable[[str, Epoch, tracking.Run], None]
+) -> list[dict[str, Any]]:
+    """Run the trainings, log every epoch, and call `finish(name, last epoch, run)` when one ends.
+
+    Returns:
+        One row for each training and epoch: `training`, `epoch` and the metrics.
+    """
+    rows: list[dict[str, Any]] = []
+    with ExitStack() as stack:
+        runs = dict[str, tracking.Run]()
+        bar = stack.enter_context(tqdm(unit="epoch", desc=stage.name))
+        for name, epoch in run_jobs({name: tracked.job for name, tracked in jobs.items()}, processes=stage.processes):
+            if name not in runs:
+                runs[name] = stack.enter_context(
+                    tracking.run(
+                        stage=stage.name,
+                        experiment=stage.experiment,
+                        name=jobs[name].title,
+                        params=jobs[name].params,
+                        params_file=stage.params_file,
+                    )
+                )
+                runs[name].log_dataset(stage.experiment, tables_dir(stage.experiment))
+            runs[name].log(epoch.metrics, step=epoch.index)
+            rows.append({"training": name, "epoch": epoch.index, **epoch.metrics})
+            bar.update()
+            bar.set_postfix_str(f"{name} {epoch.metrics['loss/train']:.2e}")
+            if epoch.last:
+                finish(name, epoch, runs[name])
+    return rows
+
+
+def write_curves(path: Path, rows: list[dict[str, Any]]) -> None:
+    """Write rows of curves as CSV; a column is empty where a row does not have it."""
+    columns = dict.fromkeys(key for row in rows for key in row)
+    with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, fieldnames=list(columns), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def parameters_of(stack: StackedMLP) -> int:
+    """Return the number of parameters of all members."""
+    return stack.members * stack.parameters_per_member

@@ -1,0 +1,28 @@
+"""From logs of an agent to a learned simulator of it: specialised networks and the network that addresses them."""
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from addressed_dynamics.models.addressed import AddressedDynamics
+    from addressed_dynamics.recording.recorder import TransitionRecorder
+    from addressed_dynamics.sources import read_transitions
+    from addressed_dynamics.training.clustering import assign_to_bins
+
+__all__ = ["AddressedDynamics", "TransitionRecorder", "assign_to_bins", "read_transitions"]
+
+_HOMES = {
+    "AddressedDynamics": "addressed_dynamics.models.addressed",
+    "TransitionRecorder": "addressed_dynamics.recording.recorder",
+    "assign_to_bins": "addressed_dynamics.training.clustering",
+    "read_transitions": "addressed_dynamics.sources",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Import a name of the front door when it is first used: reading a log must not cost an import of torch."""
+    if name not in _HOMES:
+        message = f"module 'addressed_dynamics' has no attribute '{name}'"
+        raise AttributeError(message)
+    from importlib import import_module
+
+    return getattr(import_module(_HOMES[name]), name)

@@ -1,0 +1,23 @@
+"""The paper's variants of Gymnasium's environments; importing this package registers them.
+
+Each environment says what its numbers mean in `metadata["addressed_dynamics"]`: a dictionary with
+
+* `observation`: one `(name, unit)` pair per dimension,
+* `action`: one name per action if actions are discrete, else one `(name, unit)` pair per dimension,
+* `step_seconds`: simulated seconds between two steps.
+"""
+
+import gymnasium
+
+from addressed_dynamics.envs.mountain_car import MountainCarContinuing, mountain_car_step
+
+__all__ = ["CONTINUING_MOUNTAIN_CAR", "MountainCarContinuing", "mountain_car_step"]
+
+CONTINUING_MOUNTAIN_CAR = "addressed_dynamics/MountainCarContinuing-v0"
+"""Gymnasium identifier of the MountainCar that does not end at the goal."""
+
+gymnasium.register(
+    id=CONTINUING_MOUNTAIN_CAR,
+    entry_point="addressed_dynamics.envs.mountain_car:MountainCarContinuing",
+    max_episode_steps=1000,
+)

@@ -1,0 +1,190 @@
+"""AddressedDynamics: the learned simulator, an ensemble and the network that addresses it (the paper, Section 2)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal, TypeVar
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int64
+from torch import Tensor
+
+from addressed_dynamics.errors import ModelError
+from addressed_dynamics.features.spec import FeatureSpec
+from addressed_dynamics.models.files import load_network, read_index
+from addressed_dynamics.models.stacked import StackedMLP
+
+Mode = Literal["argmax", "sample", "mixture", "blend"]
+MODES: tuple[Mode, ...] = ("argmax", "sample", "mixture", "blend")
+"""How the addressing network's outputs are used; `argmax` is the paper's, the others are its future work."""
+
+Array = TypeVar("Array", np.ndarray, Tensor)
+
+
+class AddressedDynamics:
+    """A learned simulator: from states and actions to next states, in the environment's units."""
+
+    def __init__(self, features: FeatureSpec, ensemble: StackedMLP, addressing: StackedMLP | None = None) -> None:
+        """Put a model together.
+
+        Args:
+            features: what the networks' inputs and outputs mean.
+            ensemble: n networks from inputs to targets.
+            addressing: one network with n outputs; not needed if there is only one member.
+
+        Raises:
+            ModelError: the networks do not fit each other or the features.
+        """
+        if (ensemble.widths[0], ensemble.widths[-1]) != (features.inputs, features.outputs):
+            message = (
+                f"the ensemble maps {ensemble.widths[0]} inputs to {ensemble.widths[-1]} outputs, "
+                f"but the features have {features.inputs} and {features.outputs}"
+            )
+            raise ModelError(message)
+        if addressing is None and ensemble.members > 1:
+            message = f"an ensemble of {ensemble.members} members needs an addressing network"
+            raise ModelError(message)
+        if addressing is not None and (addressing.members, addressing.widths[0], addressing.widths[-1]) != (
+            1,
+            features.inputs,
+            ensemble.members,
+        ):
+            message = (
+                f"the addressing network should be one network with {features.inputs} inputs and {ensemble.members} "
+                f"outputs, but is {addressing.members} with {addressing.widths[0]} and {addressing.widths[-1]}"
+            )
+            raise ModelError(message)
+        self.features = features
+        self.ensemble = ensemble
+        self.addressing = addressing
+
+    @staticmethod
+    def load(folder: str | Path, *, seed: int | None = None, variant: str | None = None) -> AddressedDynamics:
+        """Load a trained model.
+
+        Args:
+            folder: an experiment's model folder, for instance `data/models/mountaincar`.
+            seed: which of the trained seeds; None for the first, which is the one delivered.
+            variant: which addressing network, `plain` or `cost_sensitive`; None for the one delivered.
+
+        Raises:
+            ModelError: a file is missing or damaged, or the seed or variant was not trained.
+        """
+        folder = Path(folder)
+        if not folder.is_dir():
+            message = f"{folder}: no such model folder; 'dvc repro' trains it, 'dvc checkout' brings it back"
+            raise ModelError(message)
+        index = read_index(folder / "addressing", "addressing.json")
+        try:
+            delivered: dict[str, str] = dict(index["delivered"])
+            variants: list[str] = list(index["variants"])
+        except (KeyError, TypeError, ValueError) as error:
+            message = (
+                f"{folder / 'addressing' / 'addressing.json'}: incomplete or malformed; run train_addressing again"
+            )
+            raise ModelError(message) from error
+        chosen_seed = next(iter(delivered)) if seed is None else str(seed)
+        if chosen_seed not in delivered:
+            message = f"{folder}: seed {seed} was not trained (seeds there: {', '.join(delivered)})"
+            raise ModelError(message)
+        chosen_variant = variant or delivered[chosen_seed]
+        if chosen_variant not in variants:
+            message = f"{folder}: there is no addressing variant '{variant}' (variants there: {', '.join(variants)})"
+            raise ModelError(message)
+        ensemble = load_network(folder / "ensemble" / f"seed-{chosen_seed}")
+        addressing = load_network(folder / "addressing" / f"seed-{chosen_seed}" / chosen_variant)
+        return AddressedDynamics(ensemble.features, ensemble.stack, addressing.stack)
+
+    @torch.no_grad()
+    def predict(
+        self, observation: Array, action: Array, mode: Mode = "argmax", *, generator: torch.Generator | None = None
+    ) -> Array:
+        """Return the states after the actions.
+
+        Args:
+            observation: states, (B, d_obs), in the environment's units; an array or a tensor.
+            action: (B,) integers if the actions are discrete, else (B, d_act) in the environment's units.
+            mode: `argmax`: the member with the highest output; `sample`: a member drawn with the outputs' softmax as
+                probabilities; `mixture`: the members' outputs weighted by them; `blend`: the output of a network whose
+                parameters are weighted by them.
+            generator: source of randomness for `sample`; None for torch's own.
+
+        Returns:
+            Next states, (B, d_obs), float32, of the same kind as `observation`.
+
+        Raises:
+            ModelError: a shape or the mode is wrong, or a discrete action does not exist.
+        """
+        states = _as_tensor(observation)
+        predicted = self._predict(states, _as_tensor(action), mode, generator)
+        return predicted.numpy() if isinstance(observation, np.ndarray) else predicted
+
+    @torch.no_grad()
+    def rollout(
+        self, observation: Array, actions: Array, mode: Mode = "argmax", *, generator: torch.Generator | None = None
+    ) -> Array:
+        """Return the states after each of T actions, every state predicted from the one predicted before it.
+
+        Args:
+            observation: first states, (B, d_obs), in the environment's units; an array or a tensor.
+            actions: (B, T) integers if the actions are discrete, else (B, T, d_act) in the environment's units.
+            mode: as in `predict`.
+            generator: as in `predict`.
+
+        Returns:
+            States, (B, T, d_obs), float32, of the same kind as `observation`.
+
+        Raises:
+            ModelError: a shape or the mode is wrong, or a discrete action does not exist.
+        """
+        state, steps = _as_tensor(observation), _as_tensor(actions)
+        if steps.ndim < 2 or len(steps) != len(state):
+            message = f"actions should have shape ({len(state)}, T, ...), but have {tuple(steps.shape)}"
+            raise ModelError(message)
+        states = torch.empty(len(state), steps.shape[1], self.features.outputs)
+        for t in range(steps.shape[1]):
+            state = self._predict(state, steps[:, t], mode, generator)
+            states[:, t] = state
+        return states.numpy() if isinstance(observation, np.ndarray) else states
+
+    @torch.no_grad()
+    def member_predictions(
+        self, observation: Float[Tensor, "sample observation"], action: Tensor
+    ) -> Float[Tensor, "member sample observation"]:
+        """Return what every member predicts, in the environment's units."""
+        return self.features.decode(self.ensemble(self.features.encode(observation, action)), observation)
+
+    @torch.no_grad()
+    def address(self, observation: Float[Tensor, "sample observation"], action: Tensor) -> Int64[Tensor, " sample"]:
+        """Return the member that the addressing network picks for each state and action."""
+        return self._probabilities(self.features.encode(observation, action)).argmax(dim=1)
+
+    def _predict(
+        self, observation: Tensor, action: Tensor, mode: Mode, generator: torch.Generator | None
+    ) -> Float[Tensor, "sample observation"]:
+        x = self.features.encode(observation, action)
+        probabilities = self._probabilities(x)
+        match mode:
+            case "argmax":
+                output = self.ensemble.forward_routed(x, probabilities.argmax(dim=1))
+            case "sample":
+                member = torch.multinomial(probabilities, 1, generator=generator).squeeze(1)
+                output = self.ensemble.forward_routed(x, member)
+            case "mixture":
+                output = (probabilities.T.unsqueeze(-1) * self.ensemble(x)).sum(dim=0)
+            case "blend":
+                output = self.ensemble.forward_blended(x, probabilities)
+            case _:
+                message = f"there is no addressing mode '{mode}' (modes: {', '.join(MODES)})"
+                raise ModelError(message)
+        return self.features.decode(output, observation.to(torch.float32))
+
+    def _probabilities(self, x: Float[Tensor, "sample input"]) -> Float[Tensor, "sample member"]:
+        if self.addressing is None:
+            return torch.ones(len(x), 1)
+        return torch.softmax(self.addressing(x)[0], dim=1)
+
+
+def _as_tensor(values: np.ndarray | Tensor) -> Tensor:
+    return values if isinstance(values, Tensor) else torch.from_numpy(np.ascontiguousarray(values))

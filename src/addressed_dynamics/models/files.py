@@ -1,0 +1,112 @@
+"""A network's folder: weights.safetensors and config.json. No pickles: loading runs no code."""
+
+import json
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import safetensors.torch
+from safetensors import SafetensorError
+
+from addressed_dynamics.errors import ModelError
+from addressed_dynamics.features.spec import FeatureSpec
+from addressed_dynamics.files import atomic_path, write_json
+from addressed_dynamics.models.stacked import ACTIVATIONS, StackedMLP
+
+FORMAT = 1
+"""Version of the folder's layout."""
+
+
+@dataclass(frozen=True)
+class SavedNetwork:
+    """A stack of networks with all that is needed to use it."""
+
+    stack: StackedMLP
+    """The networks."""
+    features: FeatureSpec
+    """What their inputs and outputs mean."""
+    notes: dict[str, Any]
+    """Where they come from: params, hash of the data, seed, and so on; JSON-compatible."""
+
+
+def save_network(folder: Path, network: SavedNetwork) -> None:
+    """Write `network` into `folder`, which appears whole or not at all."""
+    stack = network.stack
+    config = {
+        "format": FORMAT,
+        "package_version": version("addressed-dynamics"),
+        "architecture": {"members": stack.members, "widths": list(stack.widths), "activation": stack.activation},
+        "features": network.features.to_json(),
+        "notes": network.notes,
+    }
+    with atomic_path(folder) as temporary:
+        temporary.mkdir(parents=True)
+        tensors = {name: tensor.detach().contiguous().clone() for name, tensor in stack.state_dict().items()}
+        safetensors.torch.save_file(tensors, temporary / "weights.safetensors")
+        write_json(temporary / "config.json", config)
+
+
+def load_network(folder: Path) -> SavedNetwork:
+    """Read what `save_network` wrote.
+
+    Raises:
+        ModelError: a file is missing or damaged, is of another format, or the weights do not fit the architecture.
+    """
+    config = _read_config(folder / "config.json")
+    try:
+        architecture = config["architecture"]
+        widths = tuple(int(width) for width in architecture["widths"])
+        activation = str(architecture["activation"])
+        if activation not in ACTIVATIONS:
+            message = f"unknown activation '{activation}'"
+            raise ValueError(message)
+        stack = StackedMLP(int(architecture["members"]), widths, activation)  # type: ignore[arg-type] # checked above
+        features, notes = FeatureSpec.from_json(config["features"]), dict(config["notes"])
+    except (KeyError, TypeError, ValueError, ModelError) as error:
+        message = f"{folder / 'config.json'}: incomplete or malformed ({error}); train the model again"
+        raise ModelError(message) from error
+    weights = folder / "weights.safetensors"
+    try:
+        tensors = safetensors.torch.load_file(weights)
+    except FileNotFoundError as error:
+        message = f"{weights}: missing; 'dvc checkout' or 'dvc repro' brings it back"
+        raise ModelError(message) from error
+    except (OSError, SafetensorError) as error:
+        message = f"{weights}: damaged ({error}); 'dvc checkout --force' or 'dvc repro' brings it back"
+        raise ModelError(message) from error
+    expected = {name: tuple(tensor.shape) for name, tensor in stack.state_dict().items()}
+    found = {name: tuple(tensor.shape) for name, tensor in tensors.items()}
+    for name in sorted(expected.keys() | found.keys()):
+        if expected.get(name) != found.get(name):
+            message = (
+                f"{weights}: tensor '{name}' should have shape {expected.get(name)} by config.json, "
+                f"but has {found.get(name)}; the two files are not of one model"
+            )
+            raise ModelError(message)
+    stack.load_state_dict(tensors)
+    return SavedNetwork(stack.requires_grad_(False), features, notes)
+
+
+def read_index(folder: Path, name: str) -> dict[str, Any]:
+    """Read the JSON file `name` of a model folder.
+
+    Raises:
+        ModelError: it is missing or is not JSON.
+    """
+    return _read_config(folder / name)
+
+
+def _read_config(path: Path) -> dict[str, Any]:
+    try:
+        value = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        message = f"{path}: missing, so this is not a whole model folder; 'dvc checkout' or 'dvc repro' brings it back"
+        raise ModelError(message) from error
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+        message = f"{path}: damaged ({error}); 'dvc checkout --force' or 'dvc repro' brings it back"
+        raise ModelError(message) from error
+    if not isinstance(value, dict) or value.get("format", FORMAT) != FORMAT:
+        message = f"{path}: format {FORMAT} expected, but it is of another; train the model with this version"
+        raise ModelError(message)
+    return value

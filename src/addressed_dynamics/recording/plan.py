@@ -1,0 +1,156 @@
+"""The recording plan: its segments in order, all environment copies of a segment side by side."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing, contextmanager
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+import addressed_dynamics.envs  # noqa: F401 # registers the paper's environments
+from addressed_dynamics.errors import RecordingError
+from addressed_dynamics.params import (
+    ConstantBehaviour,
+    DqnBehaviour,
+    EnvironmentParams,
+    GreedyBehaviour,
+    RandomBehaviour,
+    RecordParams,
+    SegmentParams,
+)
+from addressed_dynamics.recording.behaviours import HeldActions, Policy, constant_policy, mostly, random_policy
+from addressed_dynamics.recording.dqn import learn
+from addressed_dynamics.recording.provenance import run_info
+from addressed_dynamics.recording.recorder import TransitionRecorder
+
+Environment = gymnasium.Env[Any, Any]
+Progress = Callable[[int], object]
+"""Called with the number of transitions made since its last call."""
+
+EPISODES_PER_COPY = 10_000_000
+COPIES_PER_SEGMENT = 1_000
+"""Room in the numbering of episodes: segment 2, copy 3, 17th episode is 2_003_0000016 (segments and copies from 0)."""
+
+
+def record_plan(plan: RecordParams, folder: Path, *, progress: Progress) -> None:
+    """Carry out `plan` and leave its logs in `folder`; the same plan makes the same transitions.
+
+    The files are `<segment>-env<copy>-<shard>.mcap`, numbered from 0.
+
+    Raises:
+        RecordingError: a segment cannot be carried out, for instance because its environment cannot be made.
+        SpaceError: an environment has spaces that cannot be recorded.
+        LogError: a log cannot be written.
+    """
+    learned: dict[str, Policy] = {}
+    for index, segment in enumerate(plan.segments):
+        with ExitStack() as stack:
+            environments = [
+                stack.enter_context(closing(_recorded(segment, index, copy, folder, plan.shard_transitions)))
+                for copy in range(segment.environments)
+            ]
+            if isinstance(segment.behaviour, DqnBehaviour):
+                learned[segment.name] = learn(
+                    environments,
+                    segment.behaviour,
+                    transitions=segment.transitions,
+                    seed=segment.seed,
+                    progress=progress,
+                )
+            else:
+                policy = _policy(segment, environments[0].action_space, learned)
+                steps = segment.transitions // segment.environments
+                _act(environments, policy, steps=steps, seed=segment.seed, progress=progress)
+
+
+@contextmanager
+def recording_folder(target: Path) -> Iterator[Path]:
+    """Yield a folder to record into; it becomes `target`, replacing an earlier one, if the block ends well.
+
+    Otherwise the logs, if there are any, stay in a hidden folder beside `target` until the next recording, and the exception carries a
+    note that says where.
+    """
+    partial = target.with_name(f".{target.name}.partial")
+    if partial.exists():
+        shutil.rmtree(partial)
+    partial.mkdir(parents=True)
+    try:
+        yield partial
+    except BaseException as error:
+        if any(partial.iterdir()):
+            error.add_note(
+                f"what was recorded stays in {partial} until the next recording; "
+                "'addressed-dynamics recover FILE' saves the whole episodes of a file that was cut off"
+            )
+        else:
+            partial.rmdir()
+        raise
+    if target.exists():
+        shutil.rmtree(target)
+    partial.replace(target)
+
+
+def first_episode(segment_index: int, copy: int) -> int:
+    """Return the number of the first episode of a copy; those of different copies and segments never meet."""
+    return (segment_index * COPIES_PER_SEGMENT + copy) * EPISODES_PER_COPY
+
+
+def make_environment(params: EnvironmentParams) -> Environment:
+    """Make the environment that `params` describe.
+
+    Raises:
+        RecordingError: Gymnasium does not know the identifier, or the environment refuses the arguments.
+    """
+    try:
+        return gymnasium.make(params.id, **params.kwargs)
+    except (gymnasium.error.Error, TypeError, ValueError) as error:
+        reason = str(error).split("\n", maxsplit=1)[0]
+        message = f"the environment '{params.id}' cannot be made with {params.kwargs}: {reason}"
+        raise RecordingError(message) from error
+
+
+def _recorded(
+    segment: SegmentParams, index: int, copy: int, folder: Path, shard_transitions: int
+) -> TransitionRecorder:
+    if segment.environments > COPIES_PER_SEGMENT or segment.transitions // segment.environments > EPISODES_PER_COPY:
+        message = (
+            f"segment '{segment.name}': expected at most {COPIES_PER_SEGMENT} environments with "
+            f"{EPISODES_PER_COPY} transitions each; split it into several segments"
+        )
+        raise RecordingError(message)
+    return TransitionRecorder(
+        make_environment(segment.environment),
+        folder / f"{segment.name}-env{copy:02d}.mcap",
+        shard_transitions=shard_transitions,
+        first_episode=first_episode(index, copy),
+        run=run_info(segment),
+        topic=f"/env_{copy:02d}",
+    )
+
+
+def _policy(segment: SegmentParams, space: gymnasium.Space[Any], learned: Mapping[str, Policy]) -> Policy:
+    generator = np.random.default_rng(segment.seed)
+    match segment.behaviour:
+        case RandomBehaviour(mean_hold_steps=mean_hold_steps):
+            return random_policy(space, segment.environments, mean_hold_steps, generator)
+        case ConstantBehaviour(action=action):
+            return constant_policy(space, segment.environments, action)
+        case GreedyBehaviour(segment=earlier, epsilon=epsilon):
+            held = HeldActions(space, segment.environments, mean_hold_steps=1.0, generator=generator)
+            return mostly(learned[earlier], held, epsilon)
+        case _:
+            message = f"segment '{segment.name}': nobody knows how to act as '{segment.behaviour.kind}'"
+            raise RecordingError(message)
+
+
+def _act(environments: Sequence[Environment], policy: Policy, *, steps: int, seed: int, progress: Progress) -> None:
+    observations = np.stack([environment.reset(seed=seed + i)[0] for i, environment in enumerate(environments)])
+    for _ in range(steps):
+        for i, (environment, action) in enumerate(zip(environments, policy(observations), strict=True)):
+            observation, _, terminated, truncated, _ = environment.step(action)
+            observations[i] = environment.reset()[0] if terminated or truncated else observation
+        progress(len(environments))

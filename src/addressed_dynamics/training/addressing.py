@@ -1,0 +1,120 @@
+"""Phase 2 of the paper (Section 2.1): train the network that picks a member for each input."""
+
+from collections.abc import Iterator
+from typing import Literal
+
+import torch
+from jaxtyping import Float, Int64
+from torch import Tensor
+
+from addressed_dynamics.errors import TrainingError
+from addressed_dynamics.features.samples import Samples
+from addressed_dynamics.models.stacked import StackedMLP, in_chunks
+from addressed_dynamics.params import AddressingTraining
+from addressed_dynamics.training.checkpoints import Checkpoint
+from addressed_dynamics.training.epochs import Epoch, batches, updates_per_epoch
+from addressed_dynamics.training.losses import cross_entropy
+from addressed_dynamics.training.runtime import named_generator
+from addressed_dynamics.training.update import StackTrainer
+
+Variant = Literal["plain", "cost_sensitive"]
+"""`plain`: every sample counts the same, as in the paper; `cost_sensitive`: by what a wrong choice costs."""
+
+
+def train_addressing(
+    train: Samples,
+    train_profiles: Float[Tensor, "sample member"],
+    validation: Samples,
+    validation_profiles: Float[Tensor, "sample member"],
+    params: AddressingTraining,
+    *,
+    seed: int,
+    variant: Variant,
+    checkpoint: Checkpoint | None = None,
+) -> Iterator[Epoch]:
+    """Train an addressing network on the argmin of fresh loss profiles; yield after every epoch.
+
+    Profiles must be losses of states scaled to [0, 1]. Metrics of an epoch: `loss/train` (cross-entropy), and on the
+    validation samples `agreement` (share for which the choice is the best member), `regret/mean` and `regret/max`
+    (loss of the choice minus loss of the best), `loss/selected` (mean loss under the choice), `learning_rate`.
+
+    With a checkpoint, training goes on from it if it exists, and ends as it would have without the interruption.
+
+    Raises:
+        TrainingError: there are no samples, or a loss is not finite.
+    """
+    if not len(train) or not len(validation):
+        message = "there are no samples to train the addressing network on: record more episodes"
+        raise TrainingError(message)
+    members = train_profiles.shape[1]
+    generator = named_generator(seed, "addressing/batches")
+    widths = (train.x.shape[1], *params.hidden, members)
+    network = StackedMLP(1, widths, params.activation, named_generator(seed, "addressing/weights"))
+    total_updates = params.epochs * updates_per_epoch(len(train), 1, params.batch_size)
+    trainer = StackTrainer(network, cross_entropy, params.optimiser, total_updates)
+    best = train_profiles.argmin(dim=1)
+    costs = misclassification_weights(train_profiles, params.tie_share) if variant == "cost_sensitive" else None
+    one_bin = torch.zeros(len(train), dtype=torch.int64)
+    done, state = checkpoint.load() if checkpoint else (0, {})
+    if done:
+        generator.set_state(state.pop("generator"))
+        trainer.restore(state)
+    for epoch in range(done + 1, params.epochs + 1):
+        rate, total, updates = trainer.learning_rate, 0.0, 0
+        for batch in batches(one_bin, 1, params.batch_size, generator):
+            weight = batch.weight if costs is None else batch.weight * costs[batch.rows]
+            total += float(trainer.update(train.x[batch.rows], best[batch.rows], weight))
+            updates += 1
+        if not total < float("inf"):
+            message = "the loss of the addressing network is not finite: lower addressing.optimiser.learning_rate"
+            raise TrainingError(message)
+        if checkpoint:
+            checkpoint.save(epoch, {**trainer.state(), "generator": generator.get_state()})
+        metrics = {"loss/train": total / updates, "learning_rate": rate}
+        metrics |= addressing_metrics(network, validation, validation_profiles)
+        yield Epoch(epoch, epoch == params.epochs, trainer.updates, metrics, network)
+    if done == params.epochs:
+        metrics = addressing_metrics(network, validation, validation_profiles)
+        yield Epoch(done, True, trainer.updates, metrics, network)
+
+
+def misclassification_weights(profiles: Float[Tensor, "sample member"], tie_share: float) -> Float[Tensor, " sample"]:
+    """Return the weight of each sample's cross-entropy: the square root of what a wrong choice costs, mean 1.
+
+    Plain argmin targets treat a near tie and a disaster alike: the few wrong choices at a wall, where the velocity
+    jumps, cost more than all others together. The cost of a wrong choice is the worst member's loss minus the best's.
+    `tie_share` of the weight is spread evenly over all samples, so that near ties are still decided.
+    """
+    cost = (profiles.max(dim=1).values - profiles.min(dim=1).values).sqrt()
+    mean = cost.mean().clamp(min=torch.finfo(cost.dtype).tiny)
+    return tie_share + (1.0 - tie_share) * cost / mean
+
+
+def choose(network: StackedMLP, samples: Samples) -> Int64[Tensor, " sample"]:
+    """Return the member that the addressing network picks for each sample."""
+    return in_chunks(lambda x: network(x)[0].argmax(dim=1), samples.x, sample_dim=0)
+
+
+def addressing_metrics(
+    network: StackedMLP, samples: Samples, profiles: Float[Tensor, "sample member"]
+) -> dict[str, float]:
+    """Return agreement with the best member, regret and loss of the addressing network's choices."""
+    chosen = choose(network, samples)
+    selected = profiles.gather(1, chosen.unsqueeze(1)).squeeze(1).double()
+    lowest, best = profiles.min(dim=1)
+    regret = selected - lowest.double()
+    return {
+        "agreement": float((chosen == best).double().mean()),
+        "loss/selected": float(selected.mean()),
+        "regret/mean": float(regret.mean()),
+        "regret/max": float(regret.max()),
+    }
+
+
+def confusion_matrix(
+    network: StackedMLP, samples: Samples, profiles: Float[Tensor, "sample member"]
+) -> list[list[int]]:
+    """Return how many samples have best member i (row) and chosen member j (column)."""
+    members = profiles.shape[1]
+    flat = profiles.argmin(dim=1) * members + choose(network, samples)
+    return [list(map(int, row)) for row in torch.bincount(flat, minlength=members**2).view(members, members)]

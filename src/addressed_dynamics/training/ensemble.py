@@ -1,0 +1,123 @@
+"""Phase 1 of the paper (Section 2.1): cluster by loss, train each member on its bin, again and again."""
+
+from collections.abc import Iterator
+from typing import Literal
+
+import torch
+from jaxtyping import Float, Int64
+from torch import Tensor
+
+from addressed_dynamics.errors import TrainingError
+from addressed_dynamics.features.samples import Samples
+from addressed_dynamics.models.stacked import StackedMLP, in_chunks
+from addressed_dynamics.params import EnsembleParams
+from addressed_dynamics.training.checkpoints import Checkpoint
+from addressed_dynamics.training.clustering import assign_to_bins
+from addressed_dynamics.training.epochs import Epoch, batches, updates_per_epoch
+from addressed_dynamics.training.losses import REGRESSION_LOSSES, loss_profile, reported_loss
+from addressed_dynamics.training.runtime import named_generator
+from addressed_dynamics.training.update import StackTrainer
+
+Binning = Literal["equal", "lowest_loss", "random"]
+"""How samples get their member: Algorithm 1; its ablation without equal bins; fixed random bins."""
+
+
+def train_ensemble(
+    train: Samples,
+    validation: Samples,
+    params: EnsembleParams,
+    *,
+    seed: int,
+    loss_unit: float,
+    binning: Binning = "equal",
+    checkpoint: Checkpoint | None = None,
+) -> Iterator[Epoch]:
+    """Train `params.members` networks from `seed`; yield after every epoch.
+
+    Metrics of an epoch: `loss/train` and `loss_member/k` on the members' own bins, in the unit they train on. On the
+    validation samples, as losses of states scaled to [0, 1] (times `loss_unit`): `loss/validation` under each sample's
+    best member; `selected/k` and `not_selected/k`: mean loss of member k on the samples where it is best, and on the
+    others; `share/k` of the former. `bins/changed`: share of the training samples that changed their bin;
+    `learning_rate`.
+
+    With a checkpoint, training goes on from it if it exists, and ends as it would have without the interruption.
+
+    Raises:
+        TrainingError: there are fewer samples than members, or a loss is not finite.
+    """
+    if len(train) < params.members or not len(validation):
+        message = (
+            f"training needs at least {params.members} training samples and one for validation, "
+            f"but has {len(train)} and {len(validation)}: record more episodes"
+        )
+        raise TrainingError(message)
+    members = params.members
+    generator = named_generator(seed, "ensemble/batches")
+    stack = untrained_ensemble(train.x.shape[1], train.y.shape[1], params, seed=seed)
+    total_updates = params.epochs * updates_per_epoch(len(train), members, params.batch_size)
+    trainer = StackTrainer(stack, REGRESSION_LOSSES[params.loss], params.optimiser, total_updates)
+    bins = torch.randint(0, members, (len(train),), generator=named_generator(seed, "ensemble/random_bins"))
+    done, state = checkpoint.load() if checkpoint else (0, {})
+    if done:
+        bins, random_state = state.pop("bins"), state.pop("generator")
+        generator.set_state(random_state)
+        trainer.restore(state)
+    for epoch in range(done + 1, params.epochs + 1):
+        previous = bins
+        if binning != "random" and epoch <= params.cluster_epochs:
+            profiles = evaluate_profiles(stack, train, params.loss)
+            bins = assign_to_bins(profiles) if binning == "equal" else profiles.argmin(dim=1)
+        rate = trainer.learning_rate
+        member_losses = _train_one_epoch(trainer, train, bins, params.batch_size, generator)
+        metrics = {"loss/train": float(member_losses.mean()), "learning_rate": rate}
+        metrics |= {f"loss_member/{k}": float(loss) for k, loss in enumerate(member_losses)}
+        metrics |= specialisation(evaluate_profiles(stack, validation, reported_loss(params.loss)) * loss_unit)
+        metrics["bins/changed"] = float((bins != previous).double().mean()) if epoch > 1 else 1.0
+        if checkpoint:
+            checkpoint.save(epoch, {**trainer.state(), "bins": bins, "generator": generator.get_state()})
+        yield Epoch(epoch, epoch == params.epochs, trainer.updates, metrics, stack)
+    if done == params.epochs:
+        metrics = specialisation(evaluate_profiles(stack, validation, reported_loss(params.loss)) * loss_unit)
+        yield Epoch(done, True, trainer.updates, metrics, stack)
+
+
+def untrained_ensemble(inputs: int, outputs: int, params: EnsembleParams, *, seed: int) -> StackedMLP:
+    """Return the networks that `train_ensemble` starts from."""
+    widths = (inputs, *params.hidden, outputs)
+    return StackedMLP(params.members, widths, params.activation, named_generator(seed, "ensemble/weights"))
+
+
+def evaluate_profiles(stack: StackedMLP, samples: Samples, loss: str) -> Float[Tensor, "sample member"]:
+    """Return the loss profile of every sample, in the unit of the normalised targets."""
+    outputs = in_chunks(stack.forward_all, samples.x, sample_dim=1)
+    return loss_profile(outputs, samples.y, loss)
+
+
+def specialisation(profiles: Float[Tensor, "sample member"]) -> dict[str, float]:
+    """Return how well each member serves the samples for which it is best, and the others."""
+    lowest, best = profiles.min(dim=1)
+    metrics = {"loss/validation": float(lowest.double().mean())}
+    for member in range(profiles.shape[1]):
+        own, loss = best == member, profiles[:, member].double()
+        metrics[f"share/{member}"] = float(own.double().mean())
+        if own.any():
+            metrics[f"selected/{member}"] = float(loss[own].mean())
+        if not own.all():
+            metrics[f"not_selected/{member}"] = float(loss[~own].mean())
+    return metrics
+
+
+def _train_one_epoch(
+    trainer: StackTrainer, train: Samples, bins: Int64[Tensor, " sample"], batch_size: int, generator: torch.Generator
+) -> Float[Tensor, " member"]:
+    """Train every member on its bin once; return each member's mean loss over the updates."""
+    members = trainer.stack.members
+    total = torch.zeros(members, dtype=torch.float64)
+    updates = 0
+    for batch in batches(bins, members, batch_size, generator):
+        total += trainer.update(train.x[batch.rows], train.y[batch.rows], batch.weight)
+        updates += 1
+    if not torch.isfinite(total).all():
+        message = "the training loss is not finite any more: lower ensemble.optimiser.learning_rate"
+        raise TrainingError(message)
+    return total / updates

@@ -1,0 +1,68 @@
+"""What a training loop yields, and how a pass over the bins is cut into batches."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float, Int64
+from torch import Tensor
+
+from addressed_dynamics.models.stacked import StackedMLP
+
+
+@dataclass(frozen=True)
+class Epoch:
+    """One finished epoch of training."""
+
+    index: int
+    """Number of the epoch, from 1."""
+    last: bool
+    """Whether training ends with it."""
+    updates: int
+    """Updates made so far."""
+    metrics: dict[str, float]
+    """What was measured in it; losses are of states scaled to [0, 1]."""
+    network: StackedMLP
+    """The networks as they are now; they change in place when the loop goes on."""
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Rows for one update: each member's own."""
+
+    rows: Int64[Tensor, "member sample"]
+    """Indices into the samples."""
+    weight: Float[Tensor, "member sample"]
+    """Weight of each sample in its member's loss; they add up to 1 for each member that has samples."""
+
+
+def batches(
+    bins: Int64[Tensor, " sample"], members: int, batch_size: int, generator: torch.Generator
+) -> Iterator[Batch]:
+    """Yield one pass of every member over its own bin, in random order, in batches.
+
+    All members take ceil(N/n) rows, so that every binning costs the same number of updates. With equal bins that is
+    each sample once (a bin that is one short repeats a row at weight 0). A larger bin gives a random part of itself,
+    a smaller one repeats itself, and a member without samples has weight 0 throughout.
+    """
+    length = math.ceil(len(bins) / members)
+    rows = torch.zeros(members, length, dtype=torch.int64)
+    weight = torch.ones(members, length)
+    for member in range(members):
+        own = torch.nonzero(bins == member).squeeze(1)
+        if not len(own):
+            weight[member] = 0.0
+            continue
+        rounds = [own[torch.randperm(len(own), generator=generator)] for _ in range(math.ceil(length / len(own)))]
+        rows[member] = torch.cat(rounds)[:length]
+        if len(own) == length - 1:
+            weight[member, -1] = 0.0
+    for start in range(0, length, batch_size):
+        part = weight[:, start : start + batch_size]
+        yield Batch(rows[:, start : start + batch_size], part / part.sum(dim=1, keepdim=True).clamp(min=1.0))
+
+
+def updates_per_epoch(samples: int, members: int, batch_size: int) -> int:
+    """Return the number of batches that `batches` yields."""
+    return math.ceil(math.ceil(samples / members) / batch_size)

@@ -1,0 +1,88 @@
+"""Several trainings at the same time, each in a process of its own, their epochs as one stream."""
+
+import multiprocessing
+import signal
+from collections.abc import Callable, Iterator, Mapping
+from multiprocessing.connection import Connection, wait
+from multiprocessing.context import SpawnProcess
+
+from addressed_dynamics.errors import AddressedDynamicsError, TrainingError
+from addressed_dynamics.models.stacked import StackedMLP
+from addressed_dynamics.training.epochs import Epoch
+from addressed_dynamics.training.runtime import prepare_torch
+
+Job = Callable[[], Iterator[Epoch]]
+"""A training to run: picklable, for instance a `functools.partial` of a training loop."""
+
+
+def run_jobs(jobs: Mapping[str, Job], *, processes: int) -> Iterator[tuple[str, Epoch]]:
+    """Run the jobs, at most `processes` at a time and each on one thread; yield (name, epoch) as epochs end.
+
+    A job gives the same result whatever runs beside it. The network of an epoch is whole only in a job's last epoch if
+    there is more than one process. Leaving the loop ends all jobs.
+
+    Raises:
+        AddressedDynamicsError: what a job raised; or its process died, for instance for lack of memory.
+    """
+    if processes == 1 or len(jobs) == 1:
+        for name, job in jobs.items():
+            for epoch in job():
+                yield name, epoch
+        return
+    waiting, running = list(jobs.items()), dict[Connection, tuple[str, SpawnProcess]]()
+    try:
+        while waiting or running:
+            while waiting and len(running) < processes:
+                name, job = waiting.pop(0)
+                receiver, process = _start(job)
+                running[receiver] = (name, process)
+            for receiver in wait(list(running)):
+                assert isinstance(receiver, Connection)
+                name, process = running[receiver]
+                try:
+                    message = receiver.recv()
+                except EOFError:
+                    text = f"the process that trained '{name}' died (killed, or out of memory); run the stage again"
+                    raise TrainingError(text) from None
+                if isinstance(message, BaseException):
+                    raise message
+                if message is None:
+                    process.join()
+                    del running[receiver]
+                else:
+                    yield name, message
+    finally:
+        for _, process in running.values():
+            process.terminate()
+            process.join()
+
+
+def _start(job: Job) -> tuple[Connection, SpawnProcess]:
+    context = multiprocessing.get_context("spawn")
+    receiver, sender = context.Pipe(duplex=False)
+    process = context.Process(target=_work, args=(job, sender), daemon=True)
+    # Ctrl-C reaches every process of a terminal; the parent alone decides, or each worker would show a traceback.
+    previous = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        process.start()
+    finally:
+        signal.signal(signal.SIGINT, previous)
+    sender.close()
+    return receiver, process
+
+
+def _work(job: Job, sender: Connection) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    prepare_torch(threads=1)
+    try:
+        for epoch in job():
+            sender.send(epoch if epoch.last else _without_weights(epoch))
+        sender.send(None)
+    except AddressedDynamicsError as error:
+        sender.send(error)
+    except BrokenPipeError:
+        return  # the parent is gone; the checkpoint holds the last finished epoch
+
+
+def _without_weights(epoch: Epoch) -> Epoch:
+    return Epoch(epoch.index, epoch.last, epoch.updates, epoch.metrics, StackedMLP(1, (1, 1), "relu"))

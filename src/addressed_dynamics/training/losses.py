@@ -1,0 +1,86 @@
+"""Losses with their derivative by the output, for all members of a stack at once."""
+
+from collections.abc import Callable
+from typing import Literal
+
+import torch
+from jaxtyping import Float, Int64
+from torch import Tensor
+
+MemberLoss = Callable[[Tensor, Tensor, Tensor], tuple[Tensor, Tensor]]
+"""(output (member, sample, output), target, weight (member, sample)) -> (loss (member,), its derivative by output).
+
+The loss of a member is the sum over its samples of weight times the sample's loss; weights of 1/B make it the mean."""
+
+
+def squared_error(
+    output: Float[Tensor, "member sample output"],
+    target: Float[Tensor, "member sample output"],
+    weight: Float[Tensor, "member sample"],
+) -> tuple[Float[Tensor, " member"], Float[Tensor, "member sample output"]]:
+    """Return the mean squared error over dimensions, and its derivative."""
+    error = output - target
+    derivative = error * (weight.unsqueeze(-1) * (2.0 / output.shape[-1]))
+    return 0.5 * (derivative * error).sum(dim=(1, 2)), derivative
+
+
+def absolute_error(
+    output: Float[Tensor, "member sample output"],
+    target: Float[Tensor, "member sample output"],
+    weight: Float[Tensor, "member sample"],
+) -> tuple[Float[Tensor, " member"], Float[Tensor, "member sample output"]]:
+    """Return the mean absolute error over dimensions, and its derivative (0 where the error is 0)."""
+    error = output - target
+    derivative = error.sign() * (weight.unsqueeze(-1) / output.shape[-1])
+    return (derivative * error).sum(dim=(1, 2)), derivative
+
+
+def absolute_and_squared_error(
+    output: Float[Tensor, "member sample output"],
+    target: Float[Tensor, "member sample output"],
+    weight: Float[Tensor, "member sample"],
+) -> tuple[Float[Tensor, " member"], Float[Tensor, "member sample output"]]:
+    """Return the sum of the mean absolute and the mean squared error over dimensions, and its derivative.
+
+    The absolute error goes on pulling where errors are small, which long rollouts need; the squared error does not give
+    up on the rare large ones, at the walls (docs/decisions/0003-losses.md has the figures).
+    """
+    error = output - target
+    share = weight.unsqueeze(-1) / output.shape[-1]
+    derivative = (2.0 * error + error.sign()) * share
+    return ((error.square() + error.abs()) * share).sum(dim=(1, 2)), derivative
+
+
+def cross_entropy(
+    output: Float[Tensor, "member sample output"],
+    target: Int64[Tensor, "member sample"],
+    weight: Float[Tensor, "member sample"],
+) -> tuple[Float[Tensor, " member"], Float[Tensor, "member sample output"]]:
+    """Return the cross-entropy of softmax(output) with a class for each sample, and its derivative."""
+    log_probability = torch.log_softmax(output, dim=-1)
+    chosen = log_probability.gather(-1, target.unsqueeze(-1)).squeeze(-1)
+    derivative = log_probability.exp()
+    derivative.scatter_add_(-1, target.unsqueeze(-1), derivative.new_full((1,), -1.0).expand(*target.shape, 1))
+    return -(chosen * weight).sum(dim=1), derivative * weight.unsqueeze(-1)
+
+
+REGRESSION_LOSSES: dict[str, MemberLoss] = {
+    "mse": squared_error,
+    "mae": absolute_error,
+    "mae+mse": absolute_and_squared_error,
+}
+"""The losses that params may name."""
+
+
+def reported_loss(loss: str) -> Literal["mse", "mae"]:
+    """Return the loss that a network trained on `loss` is judged by."""
+    return "mae" if loss == "mae" else "mse"
+
+
+def loss_profile(
+    output: Float[Tensor, "member sample output"], target: Float[Tensor, "sample output"], loss: str
+) -> Float[Tensor, "sample member"]:
+    """Return each sample's loss under each member: its loss profile (the paper, Section 2)."""
+    error = output - target
+    each = {"mse": error.square(), "mae": error.abs(), "mae+mse": error.square() + error.abs()}[loss]
+    return each.mean(dim=-1).T.contiguous()

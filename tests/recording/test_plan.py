@@ -1,0 +1,176 @@
+"""Recording plans: what is recorded, under which names and numbers, and that the same plan records the same."""
+
+import json
+import random
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from builders import assert_same
+from example_params import EXAMPLE
+
+from addressed_dynamics.errors import RecordingError
+from addressed_dynamics.logs import read_log
+from addressed_dynamics.params import RecordParams
+from addressed_dynamics.recording.plan import first_episode, record_plan, recording_folder
+from addressed_dynamics.sources import read_transitions
+
+
+def plan(**changes: Any) -> RecordParams:
+    """Return the example's plan, each segment with these changes."""
+    record = EXAMPLE["record"]
+    segments = [segment | changes for segment in record["segments"]]
+    return RecordParams.model_validate_json(json.dumps(record | {"segments": segments}))
+
+
+def plan_of(behaviour: dict[str, Any], **changes: Any) -> RecordParams:
+    """Return a plan with one segment called `only`."""
+    segment = EXAMPLE["record"]["segments"][0] | {"name": "only", "behaviour": behaviour} | changes
+    return RecordParams.model_validate_json(json.dumps({"shard_transitions": 10_000, "segments": [segment]}))
+
+
+def record(folder: Path, params: RecordParams) -> Path:
+    record_plan(params, folder, progress=lambda _: None)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return record(tmp_path_factory.mktemp("recording"), plan())
+
+
+def test_every_segment_has_exactly_its_transitions_shared_equally_by_its_copies(recording: Path) -> None:
+    for segment in plan().segments:
+        for copy in range(segment.environments):
+            logs = sorted(recording.glob(f"{segment.name}-env{copy:02d}-*.mcap"))
+            assert sum(len(read_log(log).transitions) for log in logs) == segment.transitions // segment.environments
+
+
+def test_logs_roll_at_the_end_of_the_episode_that_fills_them_and_nothing_else_is_left(recording: Path) -> None:
+    # Episodes last 200 steps, logs are full after 150: one log for each episode.
+    names = sorted(path.name for path in recording.iterdir())
+    copies = [f"{segment}-env{copy:02d}" for segment in ("late", "learner", "random", "right") for copy in range(2)]
+    assert names == [f"{copy}-000.mcap" for copy in copies]
+
+
+def test_numbers_of_episodes_differ_over_the_whole_recording(recording: Path) -> None:
+    whole = read_transitions(recording)
+    assert len(set(whole.episode.tolist())) == 4 * 2
+    assert first_episode(2, 1) in set(whole.episode.tolist())
+
+
+def test_a_log_says_who_acted_where(recording: Path) -> None:
+    contents = read_log(recording / "right-env01-000.mcap")
+    run = contents.run
+    assert (run.segment, run.behaviour, run.environment, run.seed) == ("right", "constant", "MountainCar-v0", 0)
+    assert "gymnasium" in run.versions
+    assert contents.episodes[0].seed == 1
+    assert set(contents.transitions.action.tolist()) == {2}
+
+
+def test_the_same_plan_records_the_same_transitions(recording: Path, tmp_path: Path) -> None:
+    assert_same(read_transitions(record(tmp_path, plan())), read_transitions(recording))
+
+
+def test_another_seed_records_other_transitions(recording: Path, tmp_path: Path) -> None:
+    other = read_transitions(record(tmp_path, plan(seed=5))).observation
+    assert (other != read_transitions(recording).observation).any()
+
+
+def test_recording_leaves_the_global_generators_and_threads_alone(tmp_path: Path) -> None:
+    before = random.getstate(), np.random.get_state()[1].tolist(), torch.get_rng_state().tolist()  # noqa: NPY002
+    threads = torch.get_num_threads()
+    record(tmp_path, plan())
+    after = random.getstate(), np.random.get_state()[1].tolist(), torch.get_rng_state().tolist()  # noqa: NPY002
+    assert after == before
+    assert torch.get_num_threads() == threads
+
+
+def test_progress_counts_every_transition_of_the_plan(tmp_path: Path) -> None:
+    counts: list[int] = []
+    record_plan(plan(), tmp_path, progress=counts.append)
+    assert sum(counts) == sum(segment.transitions for segment in plan().segments)
+
+
+def test_a_learner_stops_at_its_last_transition_inside_a_round_of_training(tmp_path: Path) -> None:
+    params = plan_of(EXAMPLE["record"]["segments"][0]["behaviour"] | {"train_every": 7}, transitions=306)
+    assert len(read_transitions(record(tmp_path, params))) == 306
+
+
+def test_the_continuing_environment_is_known_and_takes_arguments(tmp_path: Path) -> None:
+    environment = {
+        "id": "addressed_dynamics/MountainCarContinuing-v0",
+        "kwargs": {"max_episode_steps": 50, "start_position": [0.5, 0.5], "start_velocity": [0.02, 0.02]},
+    }
+    params = plan_of({"kind": "constant", "action": 2}, environment=environment, transitions=200)
+    whole = read_transitions(record(tmp_path, params))
+    assert whole.observation[:, 0].max() == np.float32(0.6)
+    assert not whole.terminated.any()
+    assert np.bincount(whole.step)[49] == 4
+
+
+@pytest.mark.parametrize(
+    ("behaviour", "environment", "what"),
+    [
+        ({"kind": "random", "mean_hold_steps": 1}, {"id": "NoCar-v0", "kwargs": {}}, "'NoCar-v0' cannot be made"),
+        (
+            {"kind": "random", "mean_hold_steps": 1},
+            {"id": "MountainCar-v0", "kwargs": {"wings": 2}},
+            "'MountainCar-v0' cannot be made with {'wings': 2}: .*unexpected keyword argument",
+        ),
+        ({"kind": "constant", "action": 3}, {"id": "MountainCar-v0", "kwargs": {}}, "expected a constant action in"),
+        (
+            EXAMPLE["record"]["segments"][0]["behaviour"],
+            {"id": "MountainCarContinuous-v0", "kwargs": {}},
+            "a dqn needs discrete actions",
+        ),
+    ],
+)
+def test_a_segment_that_cannot_be_carried_out_is_one_clear_line(
+    tmp_path: Path, behaviour: dict[str, Any], environment: dict[str, Any], what: str
+) -> None:
+    with pytest.raises(RecordingError, match=what) as caught:
+        record(tmp_path, plan_of(behaviour, environment=environment))
+    assert "\n" not in str(caught.value)
+
+
+def test_too_many_copies_for_the_numbering_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match="at most 1000 environments"):
+        record(tmp_path, plan_of({"kind": "constant", "action": 0}, environments=1001, transitions=1001))
+
+
+def test_a_recording_appears_whole_and_replaces_the_one_before(tmp_path: Path) -> None:
+    target = tmp_path / "car"
+    for text in ("old", "new"):
+        with recording_folder(target) as folder:
+            (folder / f"{text}.mcap").write_text(text)
+            assert not (target / f"{text}.mcap").exists()
+    assert [path.name for path in target.iterdir()] == ["new.mcap"]
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_a_recording_that_fails_before_its_first_log_leaves_nothing(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError) as caught, recording_folder(tmp_path / "car"):
+        raise RecordingError("no such environment")
+    assert not hasattr(caught.value, "__notes__")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_interrupted_recording_stays_aside_until_the_next_one(tmp_path: Path) -> None:
+    target = tmp_path / "car"
+
+    def interrupted() -> None:
+        with recording_folder(target) as folder:
+            (folder / "some.mcap.partial").write_text("half")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt) as caught:
+        interrupted()
+    assert not target.exists()
+    assert "addressed-dynamics recover" in caught.value.__notes__[0]
+    assert [path.name for path in (tmp_path / ".car.partial").iterdir()] == ["some.mcap.partial"]
+    with recording_folder(target):
+        pass
+    assert list(tmp_path.iterdir()) == [target]

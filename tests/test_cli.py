@@ -1,0 +1,93 @@
+import importlib.metadata
+import subprocess
+import sys
+
+import pytest
+from builders import car_transitions, write_log
+
+from addressed_dynamics import cli
+from addressed_dynamics.logs import read_log
+
+
+@pytest.fixture
+def run(monkeypatch, capsys):
+    """Run the command line in this process: its exit status and what it wrote."""
+
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["addressed-dynamics", *map(str, arguments)])
+        with pytest.raises(SystemExit) as caught:
+            cli.main()
+        out, err = capsys.readouterr()
+        return int(caught.value.code or 0), out, err
+
+    return run
+
+
+@pytest.fixture
+def unfinished(tmp_path):
+    """A log of three episodes of twenty steps that was killed before its index."""
+    data = write_log(tmp_path / "whole.mcap", car_transitions([20, 20, 20])).read_bytes()
+    (tmp_path / "whole.mcap").unlink()
+    (tmp_path / "car.mcap.partial").write_bytes(data[: len(data) * 2 // 3])
+    return tmp_path / "car.mcap.partial"
+
+
+def test_the_version_is_the_packages(run):
+    assert run("--version") == (0, f"addressed-dynamics {importlib.metadata.version('addressed-dynamics')}\n", "")
+
+
+def test_recover_writes_a_new_log_and_says_what_was_lost(run, unfinished):
+    status, out, err = run("recover", unfinished)
+    assert (status, err) == (0, "")
+    target = unfinished.with_name("car.recovered.mcap")
+    saved = len(read_log(target).transitions)
+    first, *others = out.splitlines()
+    assert first == f"{target}: {saved} transitions of {saved // 20} episodes"
+    assert others
+    assert all(line.startswith("lost: ") for line in others)
+
+
+def test_recover_can_give_an_unfinished_log_its_own_name(run, unfinished):
+    target = unfinished.with_name("car.mcap")
+    assert run("recover", unfinished, "-o", target)[0] == 0
+    assert len(read_log(target).transitions) >= 20
+    assert sorted(path.name for path in target.parent.iterdir()) == ["car.mcap", "car.mcap.partial"]
+
+
+def test_an_error_is_one_line_and_a_failing_status(run, tmp_path):
+    (tmp_path / "empty.mcap").touch()
+    status, out, err = run("recover", tmp_path / "empty.mcap")
+    assert (status, out) == (1, "")
+    assert err.startswith("error: ")
+    assert err.count("\n") == 1
+
+
+def test_ctrl_c_is_the_shells_status_without_a_traceback(run, monkeypatch, tmp_path):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli, "recover_log", interrupted)
+    assert run("recover", tmp_path) == (130, "", "")
+
+
+@pytest.mark.parametrize("arguments", [["recover"], ["nothing"], ["ui", "--port", "0"]])
+def test_a_mistyped_command_is_a_usage_error_without_a_traceback(run, arguments):
+    status, _, err = run(*arguments)
+    assert status == 2
+    assert "Traceback" not in err
+
+
+def test_ui_serves_on_the_port_it_is_given(run, monkeypatch):
+    tracking = pytest.importorskip("addressed_dynamics.tracking")
+    ports = []
+    monkeypatch.setattr(tracking, "serve_ui", ports.append)
+    assert run("ui", "--port", "5123")[0] == 0
+    assert run("ui")[0] == 0
+    assert ports == [5123, 5000]
+
+
+@pytest.mark.slow
+def test_the_command_starts_without_mlflow_and_torch():
+    program = "import sys, addressed_dynamics.cli; print('torch' in sys.modules or 'mlflow' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout == "False\n"

@@ -1,0 +1,186 @@
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from ruamel.yaml import YAML
+from stage_dependencies import ROOT, first_party
+
+from addressed_dynamics.params import load_params
+
+STAGES = ("record", "convert", "train_ensemble", "train_addressing", "train_baselines", "evaluate", "report")
+
+
+def environment(clone: Path) -> dict[str, str]:
+    """The environment of a user of `clone`: its own sources, its own store, the interpreter that runs the tests."""
+    names = {"DVC_ROOT", "DVC_EXP_NAME", "MLFLOW_TRACKING_URI"}
+    kept = {name: value for name, value in os.environ.items() if name not in names}
+    path = f"{Path(sys.executable).parent}{os.pathsep}{kept.get('PATH', '')}"
+    return {**kept, "PATH": path, "PYTHONPATH": str(clone / "src"), "DVC_NO_ANALYTICS": "true"}
+
+
+def dvc(clone: Path, *arguments: str) -> str:
+    """What a DVC command says, which has to succeed."""
+    done = subprocess.run(
+        [sys.executable, "-m", "dvc", *arguments],
+        cwd=clone,
+        env=environment(clone),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout
+    return done.stdout
+
+
+def stages_run(output: str) -> list[str]:
+    return re.findall(r"Running stage '([^']+)'", output)
+
+
+def new_clone(folder: Path) -> Path:
+    """A Git repository with this working tree and the tiny params."""
+    listing = subprocess.run(
+        ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    kept = (name for name in listing.stdout.split("\0") if name and not name.startswith("data/"))
+    for name in kept:
+        if (ROOT / name).is_file():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(ROOT / name, folder / name)
+    shutil.copy(ROOT / "tests" / "tiny_params.yaml", folder / "params.yaml")
+    (folder / "dvc.lock").unlink(missing_ok=True)
+    identity = ["-c", "user.name=test", "-c", "user.email=test@example.org"]
+    for arguments in (["init", "--quiet"], ["add", "--all"], [*identity, "commit", "--quiet", "--message", "start"]):
+        subprocess.run(["git", *arguments], cwd=folder, check=True)
+    return folder
+
+
+def edit_params(clone: Path, old: str, new: str) -> None:
+    text = (clone / "params.yaml").read_text(encoding="utf-8")
+    assert text.count(old) == 1
+    (clone / "params.yaml").write_text(text.replace(old, new), encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A clone in which the whole pipeline has run once."""
+    clone = new_clone(tmp_path_factory.mktemp("clone"))
+    assert sorted(stages_run(dvc(clone, "repro"))) == sorted(f"{stage}@mountaincar" for stage in STAGES)
+    return clone
+
+
+@pytest.fixture
+def clone(finished: Path, tmp_path: Path) -> Path:
+    """A copy of the finished clone, to change."""
+    return Path(shutil.copytree(finished, tmp_path / "clone", symlinks=True))
+
+
+def test_the_tiny_params_are_params() -> None:
+    assert load_params(ROOT / "tests" / "tiny_params.yaml", "mountaincar").ensemble.epochs == 2
+
+
+@pytest.mark.parametrize("file", ["params.yaml", "params/paper.yaml"])
+def test_the_scales_are_params_and_name_themselves(file: str) -> None:
+    load_params(ROOT / file, "mountaincar")
+    document = YAML(typ="safe", pure=True).load((ROOT / "params.yaml").read_text(encoding="utf-8"))
+    assert document["params_file"] == "params.yaml"
+
+
+def test_the_lock_pins_every_declared_dependency_and_no_build_of_one_machine() -> None:
+    import tomllib
+
+    lines = (ROOT / "requirements.lock").read_text(encoding="utf-8").splitlines()
+    pins = [line for line in lines if not line.startswith("#")]
+    assert all(re.fullmatch(r"[a-z0-9-]+==[0-9][0-9a-z.]*", pin) for pin in pins)
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    declared = project["dependencies"] + [name for extra in project["optional-dependencies"].values() for name in extra]
+    names = {re.split(r"[^A-Za-z0-9._-]", wanted)[0].lower().replace("_", "-").replace(".", "-") for wanted in declared}
+    assert names <= {pin.partition("==")[0] for pin in pins}
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_a_stage_depends_on_exactly_the_modules_that_it_imports(stage: str) -> None:
+    document = YAML(typ="safe", pure=True).load((ROOT / "dvc.yaml").read_text(encoding="utf-8"))
+    named = {dep for dep in document["stages"][stage]["deps"] if not dep.startswith("data/")}
+    assert f"pipeline/{stage}.py" in named
+    assert named == first_party(ROOT, stage), "'make deps' writes them"
+
+
+def test_lazy_imports_count_but_not_those_of_a_package_that_is_passed(tmp_path: Path) -> None:
+    sources = {
+        "pipeline/__init__.py": "",
+        "pipeline/stage.py": "def main():\n    from addressed_dynamics.models.net import Net\n",
+        "src/addressed_dynamics/__init__.py": "def __getattr__(name):\n    from addressed_dynamics import front\n",
+        "src/addressed_dynamics/front.py": "",
+        "src/addressed_dynamics/types.py": "",
+        "src/addressed_dynamics/errors.py": "",
+        "src/addressed_dynamics/models/__init__.py": "",
+        "src/addressed_dynamics/models/net.py": (
+            "from typing import TYPE_CHECKING\nfrom addressed_dynamics import errors\n"
+            "if TYPE_CHECKING:\n    import addressed_dynamics.types\n"
+        ),
+    }
+    for name, text in sources.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    not_run = {"src/addressed_dynamics/front.py", "src/addressed_dynamics/types.py"}
+    assert first_party(tmp_path, "stage") == set(sources) - not_run
+
+
+@pytest.mark.slow
+def test_the_pipeline_ends_in_a_report_metrics_and_tracked_runs(finished: Path) -> None:
+    report = (finished / "data" / "reports" / "mountaincar" / "report.html").read_text(encoding="utf-8")
+    assert "Table 1" in report
+    assert (finished / ".mlflow" / "mlflow.db").exists()
+    assert "evaluation.json" in dvc(finished, "metrics", "show")
+
+
+@pytest.mark.slow
+def test_a_second_repro_runs_nothing(clone: Path) -> None:
+    assert stages_run(dvc(clone, "repro")) == []
+
+
+@pytest.mark.slow
+def test_a_change_of_the_addressing_runs_addressing_evaluation_and_report_again(clone: Path) -> None:
+    edit_params(clone, "tie_share: 0.01", "tie_share: 0.02")
+    ran = stages_run(dvc(clone, "repro"))
+    assert ran == ["train_addressing@mountaincar", "evaluate@mountaincar", "report@mountaincar"]
+
+
+@pytest.mark.slow
+def test_an_edit_of_one_module_concerns_exactly_the_stages_that_import_it(clone: Path) -> None:
+    edited = "src/addressed_dynamics/tracking.py"
+    (clone / edited).write_text((clone / edited).read_text(encoding="utf-8") + "# edited\n", encoding="utf-8")
+    changed = {line.removesuffix(":") for line in dvc(clone, "status").splitlines() if line.endswith("@mountaincar:")}
+    assert changed == {f"{stage}@mountaincar" for stage in STAGES if edited in first_party(ROOT, stage)}
+
+
+@pytest.mark.slow
+def test_a_recording_stopped_by_ctrl_c_fails_and_commits_nothing(tmp_path: Path) -> None:
+    clone = new_clone(tmp_path)
+    edit_params(clone, "transitions: 800", "transitions: 100_000_000")
+    with subprocess.Popen(
+        [sys.executable, "-m", "dvc", "repro", "record@mountaincar"],
+        cwd=clone,
+        env=environment(clone),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    ) as running:
+        assert running.stdout is not None
+        assert any("step/s" in line for line in running.stdout), "the progress bar of a recording that goes on"
+        os.killpg(running.pid, signal.SIGINT)  # as a terminal does: DVC and the stage both
+        rest = running.stdout.read()
+    assert running.returncode != 0
+    assert "Traceback" not in rest
+    assert not (clone / "dvc.lock").exists()

@@ -1,0 +1,277 @@
+import json
+import logging
+import os
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from addressed_dynamics import tracking
+from addressed_dynamics.errors import TrackingError
+
+LOCK = """
+schema: '2.0'
+stages:
+  convert@mountaincar:
+    outs:
+    - path: data/tables/mountaincar
+      hash: md5
+      md5: 0123456789abcdef0123456789abcdef.dir
+"""
+
+
+def new_project(folder: Path, patch: pytest.MonkeyPatch) -> Path:
+    (folder / ".dvc").mkdir()
+    patch.chdir(folder)
+    patch.delenv("DVC_ROOT", raising=False)
+    patch.delenv("MLFLOW_TRACKING_URI", raising=False)
+    return folder
+
+
+@pytest.fixture
+def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    return new_project(tmp_path, monkeypatch)
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """One project whose store all tests share, because making its tables takes seconds; each has its experiment."""
+    with pytest.MonkeyPatch.context() as patch:
+        yield new_project(tmp_path_factory.mktemp("project"), patch)
+
+
+def client(root: Path) -> Any:
+    from mlflow import MlflowClient
+
+    return MlflowClient(f"sqlite:///{root / '.mlflow' / 'mlflow.db'}")
+
+
+def only_run(root: Path, experiment: str) -> Any:
+    server = client(root)
+    (found,) = server.search_runs([server.get_experiment_by_name(experiment).experiment_id])
+    return found
+
+
+def test_a_run_keeps_its_name_params_tags_and_the_metrics_of_every_step(store: Path) -> None:
+    params = {"members": 2, "optimiser": {"betas": [0.9, 0.99]}}
+    with tracking.run(
+        stage="train_ensemble", experiment="keeps", name="n=2", params=params, params_file=Path("params.yaml")
+    ) as run:
+        for step in range(3):
+            run.log({"loss/train": 1.0 / (step + 1)}, step=step)
+    kept = only_run(store, "keeps")
+    assert kept.info.run_id == run.id
+    assert kept.info.run_name == "n=2"
+    assert kept.info.status == "FINISHED"
+    assert kept.data.params == {"members": "2", "optimiser.betas": "[0.9, 0.99]"}
+    assert kept.data.tags["stage"] == "train_ensemble"
+    assert kept.data.tags["params_file"] == "params.yaml"
+    history = client(store).get_metric_history(run.id, "loss/train")
+    assert [(metric.step, metric.value) for metric in history] == [(0, 1.0), (1, 0.5), (2, 1.0 / 3)]
+
+
+def test_more_metrics_than_one_request_may_hold_all_arrive(store: Path) -> None:
+    with tracking.run(stage="s", experiment="many", name="n", params={}) as run:
+        run.log({f"loss_member/{member}": float(member) for member in range(1700)}, step=0)
+    assert len(only_run(store, "many").data.metrics) == 1700
+
+
+def log_and_fail() -> None:
+    with tracking.run(stage="s", experiment="fails", name="n", params={}) as run:
+        run.log({"loss/train": 1.0}, step=0)
+        raise ZeroDivisionError
+
+
+def test_an_exception_marks_the_run_failed_and_goes_on(store: Path) -> None:
+    with pytest.raises(ZeroDivisionError):
+        log_and_fail()
+    kept = only_run(store, "fails")
+    assert kept.info.status == "FAILED"
+    assert kept.data.metrics == {"loss/train": 1.0}
+
+
+@pytest.mark.parametrize("stop", [KeyboardInterrupt, SystemExit])
+def test_an_interrupt_marks_the_run_killed_and_goes_on(store: Path, stop: type[BaseException]) -> None:
+    with pytest.raises(stop), tracking.run(stage="s", experiment=stop.__name__, name="n", params={}):
+        raise stop
+    assert only_run(store, stop.__name__).info.status == "KILLED"
+
+
+def test_the_dataset_is_logged_with_the_digest_that_dvc_has_for_it(store: Path) -> None:
+    (store / "dvc.lock").write_text(LOCK)
+    with tracking.run(stage="s", experiment="dataset", name="n", params={}) as run:
+        run.log_dataset("mountaincar", Path("data/tables/mountaincar"))
+    kept = only_run(store, "dataset")
+    (used,) = kept.inputs.dataset_inputs
+    assert (used.dataset.name, used.dataset.digest) == ("mountaincar", "0123456789abcdef0123456789abcdef")
+    assert kept.data.tags["data_md5"] == "0123456789abcdef0123456789abcdef"
+
+
+def test_files_and_folders_are_kept_beside_the_store(store: Path) -> None:
+    (store / "figures").mkdir()
+    (store / "figures" / "bins.svg").write_text("<svg/>")
+    (store / "report.html").write_text("<p>")
+    with tracking.run(stage="s", experiment="files", name="n", params={}) as run:
+        run.log_artifact(store / "report.html")
+        run.log_artifact(store / "figures", "figures")
+    kept = store / ".mlflow" / "artifacts" / "files" / str(run.id) / "artifacts"
+    assert {path.relative_to(kept).as_posix() for path in kept.rglob("*.*")} == {"report.html", "figures/bins.svg"}
+
+
+def test_a_new_experiment_has_a_saved_view_with_metric_columns(store: Path) -> None:
+    with tracking.run(stage="s", experiment="view", name="n", params={}):
+        pass
+    tags = client(store).get_experiment_by_name("view").tags
+    state = json.loads(json.loads(tags["mlflow.sharedViewState.overview"])["state"])
+    assert "metrics.`loss/validation`" in state["selectedColumns"]
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*Any type hint is inferred:UserWarning")  # MLflow's, about itself
+def test_a_logged_model_loads_again_and_gives_the_same_outputs(store: Path) -> None:
+    import mlflow.pyfunc
+    import torch
+
+    module = torch.nn.Sequential(torch.nn.Linear(5, 8), torch.nn.ReLU(), torch.nn.Linear(8, 2))
+    inputs = np.random.default_rng(0).normal(size=(7, 5)).astype(np.float32)
+    with tracking.run(stage="s", experiment="model", name="n", params={}) as run:
+        run.log_model(module, inputs[:4], "ensemble")
+    (output,) = only_run(store, "model").outputs.model_outputs
+    folder = store / ".mlflow" / "artifacts" / "model" / "models" / output.model_id / "artifacts"
+    loaded = mlflow.pyfunc.load_model(str(folder))
+    np.testing.assert_allclose(loaded.predict(inputs), module(torch.from_numpy(inputs)).detach().numpy(), rtol=1e-6)
+    assert "MLFLOW_TRACKING_URI" not in os.environ
+
+
+def test_a_model_that_cannot_be_traced_costs_a_warning_and_nothing_else(
+    store: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    import torch
+
+    with tracking.run(stage="s", experiment="untraceable", name="n", params={}) as run:
+        run.log_model(torch.nn.Linear(4, 2), np.zeros((2, 5), dtype=np.float32), "wrong_width")
+        run.log({"loss/train": 1.0}, step=0)
+    assert [record.levelno for record in caplog.records] == [logging.WARNING]
+    assert only_run(store, "untraceable").data.metrics == {"loss/train": 1.0}
+
+
+def test_without_a_server_training_goes_on_after_one_warning(
+    project: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    with socket.socket() as reserved:
+        reserved.bind(("127.0.0.1", 0))  # bound but not listening: connections are refused
+        monkeypatch.setenv("MLFLOW_TRACKING_URI", f"http://127.0.0.1:{reserved.getsockname()[1]}")
+        with tracking.run(stage="s", experiment="down", name="n", params={}) as run:
+            run.log({"loss/train": 1.0}, step=0)
+            run.log_dataset("mountaincar", project)
+            run.write_run_id(project)
+    assert run.id is None
+    assert run.url is None
+    assert [record.levelno for record in caplog.records if record.name == tracking.__name__] == [logging.WARNING]
+    assert not (project / tracking.RUN_FILE).exists()
+
+
+def test_with_a_broken_store_training_goes_on_after_one_warning(
+    project: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    (project / ".mlflow").mkdir()
+    (project / ".mlflow" / "mlflow.db").write_bytes(b"this is no database" * 1000)
+    with tracking.run(stage="s", experiment="broken", name="n", params={}) as run:
+        run.log({"loss/train": 1.0}, step=0)
+    assert run.id is None
+    assert len([record for record in caplog.records if record.name == tracking.__name__]) == 1
+
+
+@pytest.mark.slow
+def test_two_first_users_at_once_share_one_store(project: Path) -> None:
+    program = (
+        "import sys; from addressed_dynamics import tracking\n"
+        "with tracking.run(stage='s', experiment='shared', name=sys.argv[1], params={}): pass"
+    )
+    users = [subprocess.Popen([sys.executable, "-c", program, name], cwd=project) for name in ("first", "second")]
+    assert [user.wait() for user in users] == [0, 0]
+    server = client(project)
+    kept = server.search_runs([server.get_experiment_by_name("shared").experiment_id])
+    assert {(run.info.run_name, run.info.status) for run in kept} == {("first", "FINISHED"), ("second", "FINISHED")}
+
+
+def test_importing_tracking_does_not_import_mlflow() -> None:
+    program = "import sys; from addressed_dynamics import tracking; sys.exit('mlflow' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
+
+
+def test_the_run_that_made_an_output_is_found_again(store: Path, tmp_path: Path) -> None:
+    with tracking.run(stage="s", experiment="found", name="the name", params={}) as run:
+        run.write_run_id(tmp_path)
+    reference = tracking.read_run_id(tmp_path)
+    assert reference is not None
+    assert (reference.run_id, reference.name) == (run.id, "the name")
+    assert tracking.run_link(reference) == run.url
+    assert only_run(store, "found").info.run_id == run.id
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{", '{"run_id": "1"}', "\x00"])
+def test_a_damaged_run_file_is_no_run(tmp_path: Path, text: str) -> None:
+    (tmp_path / tracking.RUN_FILE).write_text(text)
+    assert tracking.read_run_id(tmp_path) is None
+
+
+@pytest.mark.parametrize("lock", [None, "", "stages: [", "stages: {}", "stages: {convert: {outs: [{path: 1}]}}"])
+def test_without_a_usable_dvc_lock_there_is_no_digest(project: Path, lock: str | None) -> None:
+    if lock is not None:
+        (project / "dvc.lock").write_text(lock)
+    assert tracking.data_digest(project / "data" / "tables" / "mountaincar") is None
+
+
+def test_a_password_of_the_server_does_not_get_into_links(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", "https://user:secret@runs.example:8443/mlflow/")
+    link = tracking.run_link(tracking.RunReference("r", "7", "n"))
+    assert link.startswith("https://runs.example:8443/mlflow/#/experiments/7/runs/r")
+
+
+@pytest.mark.usefixtures("project")
+def test_the_ui_without_a_store_says_how_to_get_one() -> None:
+    with pytest.raises(TrackingError, match="make run"):
+        tracking.serve_ui()
+
+
+def test_the_ui_says_when_its_port_is_taken(project: Path) -> None:
+    (project / ".mlflow").mkdir()
+    (project / ".mlflow" / "mlflow.db").touch()
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        with pytest.raises(TrackingError, match="choose another"):
+            tracking.serve_ui(other.getsockname()[1])
+
+
+def test_the_ui_of_a_server_is_on_that_server(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", "http://runs.example")
+    with pytest.raises(TrackingError, match=r"open http://runs\.example in a browser"):
+        tracking.serve_ui()
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("store")
+def test_the_ui_serves_the_store_until_it_is_interrupted() -> None:
+    with tracking.run(stage="s", experiment="served", name="n", params={}):
+        pass
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    program = f"from addressed_dynamics import tracking; tracking.serve_ui({port})"
+    server = subprocess.Popen(
+        [sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    )
+    assert server.stdout is not None
+    with server.stdout as lines:
+        assert any(f"running on http://127.0.0.1:{port}" in line for line in lines)
+        server.send_signal(signal.SIGINT)
+        assert "Traceback" not in lines.read()  # ends when the last process that could write has ended
+    server.wait()

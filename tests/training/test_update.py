@@ -1,0 +1,97 @@
+import math
+
+import pytest
+import torch
+
+from addressed_dynamics.models.stacked import StackedMLP
+from addressed_dynamics.params import OptimiserParams
+from addressed_dynamics.training.losses import absolute_error, cross_entropy, squared_error
+from addressed_dynamics.training.update import StackTrainer
+
+OPTIMISER = OptimiserParams(learning_rate=1e-2, betas=(0.9, 0.99), final_share=0.1)
+
+
+def make_stack(members: int, activation: str, outputs: int = 2, seed: int = 0) -> StackedMLP:
+    generator = torch.Generator().manual_seed(seed)
+    return StackedMLP(members, (5, 16, 8, outputs), activation, generator)  # type: ignore[arg-type]
+
+
+def batch(members: int, samples: int = 12, seed: int = 1) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    generator = torch.Generator().manual_seed(seed)
+    x = torch.randn(members, samples, 5, generator=generator)
+    return x, torch.randn(members, samples, 2, generator=generator), torch.full((members, samples), 1 / samples)
+
+
+@pytest.mark.parametrize("activation", ["relu", "tanh", "elu"])
+@pytest.mark.parametrize("loss", ["mse", "mae", "cross_entropy"])
+def test_gradients_equal_those_of_autograd(activation: str, loss: str) -> None:
+    stack, reference = make_stack(3, activation), make_stack(3, activation)
+    x, y, weight = batch(3)
+    weight = weight * torch.rand(weight.shape)
+    target = y.argmax(dim=-1) if loss == "cross_entropy" else y
+    function = {"mse": squared_error, "mae": absolute_error, "cross_entropy": cross_entropy}[loss]
+    trainer = StackTrainer(stack, function, OPTIMISER, 10)
+    losses = trainer.gradients(x, target, weight)
+    output = reference(x)
+    if loss == "cross_entropy":
+        per_sample = torch.nn.functional.cross_entropy(output.transpose(1, 2), target, reduction="none")
+    else:
+        per_sample = (output - y).square().mean(-1) if loss == "mse" else (output - y).abs().mean(-1)
+    expected = (per_sample * weight).sum(dim=1)
+    expected.sum().backward()
+    torch.testing.assert_close(losses, expected.detach())
+    computed = torch.cat([gradient.flatten() for gradient in trainer._weight_gradients + trainer._bias_gradients])
+    wanted = torch.cat([parameter.grad.flatten() for parameter in reference.parameters()])
+    torch.testing.assert_close(computed, wanted, rtol=1e-4, atol=1e-6)
+
+
+def test_training_all_members_at_once_gives_what_training_them_one_after_the_other_gives() -> None:
+    together = make_stack(3, "relu")
+    alone = [torch.nn.Sequential() for _ in range(3)]
+    for member in range(3):
+        layers: list[torch.nn.Module] = []
+        for weight, bias in zip(together.weights, together.biases, strict=True):
+            linear = torch.nn.Linear(*weight.shape[1:])
+            linear.weight.data, linear.bias.data = weight[member].detach().T.clone(), bias[member, 0].detach().clone()
+            layers += [linear, torch.nn.ReLU()]
+        alone[member] = torch.nn.Sequential(*layers[:-1])
+    trainer = StackTrainer(together, squared_error, OPTIMISER, 20)
+    optimisers = [torch.optim.Adam(net.parameters(), lr=1e-2, betas=(0.9, 0.99)) for net in alone]
+    for step in range(20):
+        x, y, weight = batch(3, seed=step)
+        share = 0.1 + 0.9 * 0.5 * (1 + math.cos(math.pi * step / 20))
+        trainer.update(x, y, weight)
+        for member, (net, optimiser) in enumerate(zip(alone, optimisers, strict=True)):
+            optimiser.param_groups[0]["lr"] = 1e-2 * share
+            optimiser.zero_grad()
+            torch.nn.functional.mse_loss(net(x[member]), y[member]).backward()
+            optimiser.step()
+    x, _, _ = batch(3, seed=99)
+    expected = torch.stack([net(x[member]) for member, net in enumerate(alone)])
+    torch.testing.assert_close(together(x), expected, rtol=1e-4, atol=1e-5)
+
+
+def test_a_restored_trainer_goes_on_bit_for_bit() -> None:
+    straight = StackTrainer(make_stack(2, "tanh"), squared_error, OPTIMISER, 10)
+    first = StackTrainer(make_stack(2, "tanh"), squared_error, OPTIMISER, 10)
+    for step in range(10):
+        straight.update(*batch(2, seed=step))
+    for step in range(4):
+        first.update(*batch(2, seed=step))
+    second = StackTrainer(make_stack(2, "tanh", seed=5), squared_error, OPTIMISER, 10)
+    second.restore(first.state())
+    for step in range(4, 10):
+        second.update(*batch(2, seed=step))
+    for a, b in zip(straight.stack.parameters(), second.stack.parameters(), strict=True):
+        assert torch.equal(a, b)
+
+
+def test_the_learning_rate_falls_from_its_peak_to_its_final_share() -> None:
+    trainer = StackTrainer(make_stack(1, "relu"), squared_error, OPTIMISER, 8)
+    rates = []
+    for step in range(9):
+        rates.append(trainer.learning_rate)
+        trainer.update(*batch(1, seed=step))
+    assert rates[0] == pytest.approx(1e-2)
+    assert rates[-1] == pytest.approx(1e-3)
+    assert rates == sorted(rates, reverse=True)
