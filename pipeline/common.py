@@ -9,6 +9,8 @@ from pathlib import Path
 from types import FrameType
 from typing import NoReturn
 
+from tqdm import tqdm
+
 from addressed_dynamics.errors import AddressedDynamicsError
 
 DATA = Path("data")
@@ -48,6 +50,14 @@ def checkpoints_dir(experiment: str) -> Path:
 def available_cores() -> int:
     """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def progress(description: str, unit: str, total: int | None = None) -> "tqdm[NoReturn]":
+    """Return a progress bar with rate and remaining time; where nobody watches it, it writes a line now and then."""
+    interval = 0.2 if sys.stderr.isatty() else 15.0
+    return tqdm(
+        desc=description, unit=unit, total=total, unit_scale=True, mininterval=interval, maxinterval=2 * interval
+    )
 
 
 class _Terminated(BaseException):

@@ -2,17 +2,15 @@
 
 from pathlib import Path
 
-from tqdm import tqdm
-
 from addressed_dynamics.conversion import convert_recording
 from addressed_dynamics.params import load_params
-from pipeline.common import available_cores, raw_dir, reports_dir, run_stage, tables_dir
+from pipeline.common import available_cores, progress, raw_dir, reports_dir, run_stage, tables_dir
 
 
 def main(experiment: str, params_file: Path) -> None:
     """Convert the recording of `experiment`."""
     params = load_params(params_file, experiment).convert
-    with tqdm(unit="step", unit_scale=True) as bar:
+    with progress("convert", "step") as bar:
         convert_recording(
             raw_dir(experiment),
             tables_dir(experiment),

@@ -3,8 +3,6 @@
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from addressed_dynamics import tracking
 from addressed_dynamics.evaluation.candidates import baseline_candidates, ensemble_candidates, load_ensembles
 from addressed_dynamics.evaluation.rollouts import record_true_rollouts
@@ -15,7 +13,7 @@ from addressed_dynamics.evaluation.suite import (
     evaluate_rollouts,
     figure_arrays,
 )
-from addressed_dynamics.files import atomic_path, write_json
+from addressed_dynamics.files import atomic_path, save_arrays, write_json
 from addressed_dynamics.models.files import load_network
 from addressed_dynamics.params import EnsembleParams, load_params
 from addressed_dynamics.tables import load_transitions
@@ -59,7 +57,7 @@ def main(experiment: str, params_file: Path) -> None:
     untrained = untrained_ensemble(model.features.inputs, model.features.outputs, recipe, seed=first)
     with atomic_path(evaluation_dir(experiment)) as folder:
         folder.mkdir()
-        np.savez_compressed(folder / "arrays.npz", **figure_arrays(model, untrained, test, truth, loss))
+        save_arrays(folder / "arrays.npz", figure_arrays(model, untrained, test, truth, loss))
         with tracking.run(stage="evaluate", experiment=experiment, name=f"{experiment} evaluation seed={first}",
                           params=params.model_dump(mode="json"), params_file=params_file) as run:  # fmt: skip
             run.log(headline(report), step=0)
@@ -75,9 +73,7 @@ def headline(report: dict[str, Any]) -> dict[str, float]:
     result = report["candidates"]["ensemble/argmax"]
     metrics = {"agreement": table["agreement"], "misclassified_per_thousand": table["misclassified_per_thousand"]}
     metrics |= {"loss/test": result["one_step"]["scaled"]["mean"], "regret/mean": table["regret"]["mean"]}
-    metrics |= {
-        f"rollout_mse/{name}": spread["median"] for name, spread in result["rollouts"]["all"]["mse"].items()
-    }
+    metrics |= {f"rollout_mse/{name}": spread["median"] for name, spread in result["rollouts"]["all"]["mse"].items()}
     return metrics
 
 

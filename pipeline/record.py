@@ -2,18 +2,16 @@
 
 from pathlib import Path
 
-from tqdm import tqdm
-
 from addressed_dynamics.params import load_params
 from addressed_dynamics.recording.plan import record_plan, recording_folder
-from pipeline.common import raw_dir, run_stage
+from pipeline.common import progress, raw_dir, run_stage
 
 
 def main(experiment: str, params_file: Path) -> None:
     """Record `experiment`."""
     plan = load_params(params_file, experiment).record
     total = sum(segment.transitions for segment in plan.segments)
-    with recording_folder(raw_dir(experiment)) as folder, tqdm(total=total, unit="step", unit_scale=True) as bar:
+    with recording_folder(raw_dir(experiment)) as folder, progress("record", "step", total) as bar:
         record_plan(plan, folder, progress=bar.update)
 
 

@@ -29,21 +29,18 @@ def main(experiment: str, params_file: Path) -> None:
     keys = {f"{name}/seed-{seed}": (name, seed) for seed in params.seeds for name in params.train}
     loss = reported_loss(sections.ensemble.loss)
     unit = data.features.loss_unit(loss)
-    folder_of_checkpoints = checkpoints_dir(experiment)
-    checkpoints = {
-        key: Checkpoint.of(folder_of_checkpoints, stage="baselines", name=name, seed=seed, **data.identity,
-                           features=sections.features.model_dump(mode="json"), recipe=recipes[name].model_dump(mode="json"))
-        for key, (name, seed) in keys.items()
-    }  # fmt: skip
-    jobs = {
-        key: TrackedJob(
-            partial(train_ensemble, data.train, data.validation, recipes[name], seed=seed, loss_unit=unit,
-                    binning=ABLATIONS.get(name, "equal"), checkpoint=checkpoints[key]),
-            f"{experiment} baseline {name} seed={seed}",
-            {"baseline": name, "seed": seed, "recipe": recipes[name].model_dump(mode="json")},
-        )
-        for key, (name, seed) in keys.items()
-    }  # fmt: skip
+    checkpoints = dict[str, Checkpoint]()
+    jobs = dict[str, TrackedJob]()
+    for key, (name, seed) in keys.items():
+        recipe = {
+            "features": sections.features.model_dump(mode="json"),
+            "recipe": recipes[name].model_dump(mode="json"),
+        }
+        identity = {"stage": "baselines", "baseline": name, "seed": seed, **recipe}
+        checkpoints[key] = Checkpoint.of(checkpoints_dir(experiment), **identity, **data.identity)
+        job = partial(train_ensemble, data.train, data.validation, recipes[name], seed=seed, loss_unit=unit,
+                      binning=ABLATIONS.get(name, "equal"), checkpoint=checkpoints[key])  # fmt: skip
+        jobs[key] = TrackedJob(job, f"{experiment} baseline {name} seed={seed}", identity)
     results, ablated = dict[str, dict[str, float]](), dict[str, StackedMLP]()
     stage = Stage("train_baselines", experiment, params_file, params.processes)
     with atomic_path(models_dir(experiment) / "baselines") as folder:
@@ -61,16 +58,16 @@ def main(experiment: str, params_file: Path) -> None:
             results[key] |= {f"addressing/{name}": value for name, value in epoch.metrics.items()}
 
         rows = train_tracked(stage, jobs, finish)
-        addressing_jobs = {
-            key: TrackedJob(
-                partial(train_addressing, data.train, evaluate_profiles(network, data.train, loss) * unit, data.validation,
-                        evaluate_profiles(network, data.validation, loss) * unit, params.addressing, seed=keys[key][1],
-                        variant="plain"),
-                f"{experiment} baseline {keys[key][0]} addressing seed={keys[key][1]}",
-                {"baseline": keys[key][0], "seed": keys[key][1], "recipe": params.addressing.model_dump(mode="json")},
+        addressing_jobs = dict[str, TrackedJob]()
+        for key, network in ablated.items():
+            name, seed = keys[key]
+            on_train, on_validation = (
+                evaluate_profiles(network, part, loss) * unit for part in (data.train, data.validation)
             )
-            for key, network in ablated.items()
-        }  # fmt: skip
+            job = partial(train_addressing, data.train, on_train, data.validation, on_validation, params.addressing,
+                          seed=seed, variant="plain")  # fmt: skip
+            identity = {"baseline": name, "seed": seed, "recipe": params.addressing.model_dump(mode="json")}
+            addressing_jobs[key] = TrackedJob(job, f"{experiment} baseline {name} addressing seed={seed}", identity)
         train_tracked(stage, addressing_jobs, finish_addressing)
         write_json(folder / "baselines.json", {"format": 1, "trained": list(jobs)})
     write_json(reports_dir(experiment) / "baselines.json", {key: results[key] for key in jobs})

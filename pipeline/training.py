@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tqdm import tqdm
-
 from addressed_dynamics import tracking
 from addressed_dynamics.features.samples import Samples
 from addressed_dynamics.features.spec import FeatureSpec, fit_features
@@ -18,7 +16,7 @@ from addressed_dynamics.params import FeatureParams
 from addressed_dynamics.tables import load_transitions
 from addressed_dynamics.training.epochs import Epoch
 from addressed_dynamics.training.jobs import Job, run_jobs
-from pipeline.common import tables_dir
+from pipeline.common import progress, tables_dir
 
 
 @dataclass(frozen=True)
@@ -83,7 +81,7 @@ def train_tracked(
     rows: list[dict[str, Any]] = []
     with ExitStack() as stack:
         runs = dict[str, tracking.Run]()
-        bar = stack.enter_context(tqdm(unit="epoch", desc=stage.name))
+        bar = stack.enter_context(progress(stage.name, "epoch"))
         for name, epoch in run_jobs({name: tracked.job for name, tracked in jobs.items()}, processes=stage.processes):
             if name not in runs:
                 runs[name] = stack.enter_context(
@@ -99,7 +97,7 @@ def train_tracked(
             runs[name].log(epoch.metrics, step=epoch.index)
             rows.append({"training": name, "epoch": epoch.index, **epoch.metrics})
             bar.update()
-            bar.set_postfix_str(f"{name} {epoch.metrics['loss/train']:.2e}")
+            bar.set_postfix_str(f"{name} {epoch.metrics['loss/train']:.2e}", refresh=False)
             if epoch.last:
                 finish(name, epoch, runs[name])
     return rows

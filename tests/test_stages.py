@@ -5,7 +5,9 @@ import re
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
+import termios
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +21,13 @@ from pipeline.common import run_stage
 ROOT = Path(__file__).parents[1]
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT)}
 LONG = {"shard_transitions": 1000, "segments": [segment("long", {"kind": "random", "mean_hold_steps": 5})]}
-LONG["segments"][0]["transitions"] = 20_000_000
+LONG["segments"][0]["transitions"] = 2_000_000
 
 
-def stage(name: str, folder: Path, **sections: Any) -> subprocess.Popen[str]:
+def stage(name: str, folder: Path, *, stderr: int = subprocess.PIPE, **sections: Any) -> subprocess.Popen[str]:
     params = write_params(folder / "params.yaml", car=EXAMPLE | sections)
     command = [sys.executable, "-W", "error", "-m", f"pipeline.{name}", "--experiment", "car", "--params", str(params)]
-    return subprocess.Popen(command, cwd=folder, env=ENVIRONMENT, stderr=subprocess.PIPE, text=True)
+    return subprocess.Popen(command, cwd=folder, env=ENVIRONMENT, stderr=stderr, text=True)
 
 
 def finished(process: subprocess.Popen[str]) -> tuple[int, str]:
@@ -33,14 +35,14 @@ def finished(process: subprocess.Popen[str]) -> tuple[int, str]:
     return process.returncode, stderr
 
 
-def wait_for_progress(process: subprocess.Popen[str]) -> None:
-    """Read what the process says until it has counted some steps."""
-    assert process.stderr is not None
-    said = ""
-    while not re.search(r"[1-9]\S*/20\.0M", said):
-        character = process.stderr.read(1)
-        assert character, said
-        said += character
+def read_terminal(terminal: int) -> Iterator[str]:
+    """Yield all that was said on a terminal, each time more is, until the last process has left it."""
+    said = b""
+    # At the end a read fails on Linux and is empty elsewhere.
+    with suppress(OSError):
+        while more := os.read(terminal, 4096):
+            said += more
+            yield said.decode(errors="replace").replace("\r\n", "\n")
 
 
 @pytest.mark.slow
@@ -61,11 +63,18 @@ def test_record_and_convert_make_tables_of_an_experiment(tmp_path: Path) -> None
 def test_an_interrupted_recording_is_one_line_and_leaves_nothing_under_its_name(
     tmp_path: Path, number: signal.Signals, status: int, word: str
 ) -> None:
-    with stage("record", tmp_path, record=LONG) as process:
-        wait_for_progress(process)
-        process.send_signal(number)
-        found, stderr = finished(process)
-    assert found == status
+    # On a terminal, as a person would see it: only there is progress reported at once.
+    terminal, other_end = os.openpty()
+    termios.tcsetwinsize(terminal, (24, 120))
+    stderr, counted = "", False
+    with stage("record", tmp_path, stderr=other_end, record=LONG) as process:
+        os.close(other_end)
+        for stderr in read_terminal(terminal):
+            if not counted and re.search(r"[1-9]\S*/2\.00M", stderr):
+                counted = True
+                process.send_signal(number)
+    os.close(terminal)
+    assert process.returncode == status, stderr
     assert "Traceback" not in stderr
     assert stderr.splitlines()[-1].startswith(f"{word}; what was recorded stays in data/raw/.car.partial")
     assert not (tmp_path / "data" / "raw" / "car").exists()

@@ -3,10 +3,13 @@
 import json
 import os
 import shutil
+import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 
 @contextmanager
@@ -40,6 +43,17 @@ def write_json(target: Path, value: Any) -> None:
         ValueError: a number in `value` is NaN or infinite, which JSON cannot hold.
     """
     write_text(target, json.dumps(value, indent=2, allow_nan=False) + "\n")
+
+
+def save_arrays(target: Path, arrays: dict[str, np.ndarray]) -> None:
+    """Write named arrays to `target` atomically, as a compressed .npz whose bytes depend on the arrays alone."""
+    with atomic_path(target) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, array in arrays.items():
+            # A fixed date: np.savez writes the time of day, and DVC would take equal arrays for new ones.
+            entry = zipfile.ZipInfo(f"{name}.npy", date_time=(1980, 1, 1, 0, 0, 0))
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            with archive.open(entry, "w") as file:
+                np.lib.format.write_array(file, np.ascontiguousarray(array), allow_pickle=False)
 
 
 def _remove(path: Path) -> None:

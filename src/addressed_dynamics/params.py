@@ -238,6 +238,8 @@ class BaselinesParams(Section):
     `unequal_bins`: each sample to its best member; `random_bins`: fixed random bins."""
     wide_hidden: tuple[Count, ...]
     """Hidden layers of `wide`."""
+    wide_batch_size: Count
+    """Samples per update of `wide`, which costs as much as a dozen small networks."""
     seeds: Annotated[tuple[Seed, ...], Field(min_length=1)]
     """One of each is trained from each seed."""
     addressing: AddressingTraining
@@ -254,10 +256,10 @@ class RolloutParams(Section):
     steps: Count
     seed: Seed
     swing_share: Share
-    """Share of the steps at which the behaviour pushes in the direction of motion (which drives it to both walls);
-    at the others it holds a random action."""
+    """Largest share of stretches in which the behaviour pushes in the direction of motion, which drives a car to both
+    walls; in the others it holds a random action."""
     mean_hold_steps: Annotated[float, Field(ge=1.0)]
-    """Mean number of steps for which it stays with one of the two."""
+    """Mean length of a stretch, in steps (geometric)."""
 
 
 class EvaluationParams(Section):

@@ -44,12 +44,14 @@ RUN_FILE = "mlflow_run.json"
 
 OVERVIEW_COLUMNS = (
     "tags.`stage`",
-    "params.`members`",
     "params.`seed`",
+    "params.`variant`",
+    "params.`baseline`",
     "metrics.`loss/train`",
     "metrics.`loss/validation`",
-    "metrics.`agreement/validation`",
-    "metrics.`regret/validation`",
+    "metrics.`loss/selected`",
+    "metrics.`agreement`",
+    "metrics.`regret/mean`",
 )
 """Columns of the runs table in the saved view `overview`; MLflow itself shows no metric at first."""
 
@@ -297,6 +299,12 @@ def serve_ui(port: int = UI_PORT) -> NoReturn:
     os.execve(sys.executable, command, environment)
 
 
+def code_version() -> str:
+    """Return the Git commit of the code, with a remark if the working tree differs from it; empty without Git."""
+    commit = _git("rev-parse", "HEAD")
+    return f"{commit}{', with changes' if _code_changed() else ''}" if commit else ""
+
+
 def data_digest(path: Path) -> str | None:
     """Return the MD5 that `dvc.lock` has for the output at `path` (of its listing, for a folder); None without one."""
     root = _project_root()
@@ -431,10 +439,13 @@ def _provenance(stage: str) -> dict[str, str]:
         tags["dvc_experiment"] = name
     if commit := _git("rev-parse", "HEAD"):
         tags |= {"git_commit": commit, "mlflow.source.git.commit": commit}
-        # What the pipeline itself rewrites while it runs says nothing about the code.
-        changed = _git("status", "--porcelain", "--untracked-files=no", "--", ".", ":!dvc.lock", ":!data")
-        tags["git_dirty"] = "true" if changed else "false"
+        tags["git_dirty"] = "true" if _code_changed() else "false"
     return tags
+
+
+def _code_changed() -> bool:
+    # What the pipeline itself rewrites while it runs says nothing about the code.
+    return bool(_git("status", "--porcelain", "--untracked-files=no", "--", ".", ":!dvc.lock", ":!data"))
 
 
 def _git(*arguments: str) -> str | None:

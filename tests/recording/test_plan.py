@@ -174,3 +174,13 @@ def test_an_interrupted_recording_stays_aside_until_the_next_one(tmp_path: Path)
     with recording_folder(target):
         pass
     assert list(tmp_path.iterdir()) == [target]
+
+
+def test_the_clock_of_a_copy_goes_on_from_log_to_log(tmp_path: Path) -> None:
+    environment = {"id": "MountainCar-v0", "kwargs": {"max_episode_steps": 50}}
+    params = plan_of({"kind": "constant", "action": 2}, environment=environment, environments=1, transitions=200)
+    record(tmp_path, params.model_copy(update={"shard_transitions": 60}))
+    logs = sorted(tmp_path.iterdir())
+    times = [read_log(log).transitions.time_ns for log in logs]
+    assert [len(part) for part in times] == [100, 100]
+    np.testing.assert_array_equal(np.concatenate(times), np.round(np.arange(200) * 1e9 / 30))

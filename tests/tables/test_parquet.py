@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from builders import CAR, assert_same, car_transitions
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from strategies import transitions
 
@@ -39,6 +39,7 @@ def rewrite(path: Path, change: Any) -> Path:
     return path
 
 
+@settings(max_examples=50)
 @given(whole=transitions(), rows=st.integers(1, 30))
 def test_what_is_written_is_read_back_bit_for_bit(
     tmp_path_factory: pytest.TempPathFactory, whole: Transitions, rows: int
@@ -159,6 +160,7 @@ def test_a_truncated_file_is_refused_in_one_line(tmp_path_factory: pytest.TempPa
     assert "\n" not in str(caught.value)
 
 
+@settings(max_examples=40)
 @given(st.data())
 def test_a_flipped_bit_in_the_data_is_never_read_as_data(
     tmp_path_factory: pytest.TempPathFactory, data: st.DataObject

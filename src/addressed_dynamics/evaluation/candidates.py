@@ -44,11 +44,10 @@ def ensemble_candidates(models: dict[int, dict[str, AddressedDynamics]], deliver
     first, *others = models
     best = models[first][delivered[first]]
     candidates = [_addressed(f"ensemble/{mode}", f"ensemble, {mode} addressing", best, mode) for mode in MODES]
-    candidates += [
-        _addressed(f"ensemble/argmax/{variant}", f"ensemble, argmax, {variant.replace('_', '-')} addressing", model, "argmax")
-        for variant, model in models[first].items()
-        if variant != delivered[first]
-    ]
+    for variant, model in models[first].items():
+        if variant != delivered[first]:
+            label = f"ensemble, argmax, {variant.replace('_', '-')} addressing"
+            candidates.append(_addressed(f"ensemble/argmax/{variant}", label, model, "argmax"))
     members = best.ensemble.members * best.ensemble.parameters_per_member
     candidates.append(
         Candidate(
@@ -60,10 +59,9 @@ def ensemble_candidates(models: dict[int, dict[str, AddressedDynamics]], deliver
             "argmax",
         )
     )
-    candidates += [
-        _addressed(f"ensemble/argmax/seed-{seed}", f"ensemble, argmax, seed {seed}", models[seed][delivered[seed]], "argmax")
-        for seed in others
-    ]
+    for seed in others:
+        model = models[seed][delivered[seed]]
+        candidates.append(_addressed(f"ensemble/argmax/seed-{seed}", f"ensemble, argmax, seed {seed}", model, "argmax"))
     return candidates
 
 

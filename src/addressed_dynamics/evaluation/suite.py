@@ -95,7 +95,7 @@ def evaluate_rollouts(candidate: Candidate, truth: TrueRollouts) -> tuple[dict[s
 def figure_arrays(
     model: AddressedDynamics, untrained: StackedMLP, test: Transitions, truth: TrueRollouts, loss: str
 ) -> dict[str, np.ndarray]:
-    """Return what the figures show: test transitions with their loss profiles and choices, and one rollout of each kind.
+    """Return what the figures show: test transitions with their loss profiles and choices, and typical rollouts.
 
     Arrays: `observation`, `action`, `episode`, `step`, `next_observation`, `predicted` (argmax), `chosen`, `best`,
     `profile` and `profile_untrained` (member, sample), `rollout_true` and `rollout_predicted` (episode, T + 1, d).

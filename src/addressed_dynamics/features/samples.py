@@ -40,5 +40,5 @@ class Samples:
         digest = hashlib.blake2b(digest_size=16)
         for tensor in (self.x, self.y):
             digest.update(str(tuple(tensor.shape)).encode())
-            digest.update(tensor.contiguous().numpy())
+            digest.update(tensor.contiguous().numpy().data)
         return digest.hexdigest()

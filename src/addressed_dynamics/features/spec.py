@@ -120,7 +120,7 @@ class FeatureSpec:
             ModelError: `value` does not have that form.
         """
         try:
-            return FeatureSpec(
+            spec = FeatureSpec(
                 spaces=SpaceSpec.from_json(value["spaces"]),
                 target={"absolute": "absolute", "change": "change"}[value["target"]],  # type: ignore[arg-type] # checked by the lookup
                 input_mean=tuple(map(float, value["input_mean"])),
@@ -129,9 +129,22 @@ class FeatureSpec:
                 target_mean=tuple(map(float, value["target_mean"])),
                 target_deviation=float(value["target_deviation"]),
             )
+            spec._check_lengths()
         except (KeyError, TypeError, ValueError, TransitionsError) as error:
             message = f"the description of a model's features is incomplete or malformed ({error})"
             raise ModelError(message) from error
+        return spec
+
+    def _check_lengths(self) -> None:
+        action = self.spaces.action
+        states = len(self.spaces.observation)
+        inputs = states + (action.count if isinstance(action, DiscreteAction) else len(action.dimensions))
+        for name, expected in {
+            "input_mean": inputs, "input_deviation": inputs, "scale": states, "target_mean": states
+        }.items():  # fmt: skip
+            if len(getattr(self, name)) != expected:
+                message = f"{name} should have {expected} numbers, but has {len(getattr(self, name))}"
+                raise ValueError(message)
 
     def _encode_action(self, action: Tensor, samples: int) -> Float[Tensor, "sample action"]:
         kind = self.spaces.action

@@ -172,7 +172,9 @@ def _write(
     """Write the new log and return how many of its episodes are cut."""
     cut_episodes = 0
     with atomic_path(target) as temporary:
-        writer = TransitionLogWriter(temporary, record.spec, topic=record.topic, run=record.info)
+        # A log that continues another one begins later than at 0; so does what is recovered of it.
+        first_step = round(int(columns["time_ns"][stretches[0].start]) / (record.spec.step_seconds * 1e9))
+        writer = TransitionLogWriter(temporary, record.spec, topic=record.topic, run=record.info, first_step=first_step)
         try:
             for rows in stretches:
                 for row in range(rows.start, rows.stop):

@@ -45,26 +45,30 @@ class TransitionLogWriter:
 
     The end of an episode closes a chunk and hands it to the operating system, so that a process that is killed loses
     at most the episode it was in; `recover_log` makes a log of what is left. Log times are simulated: the number of
-    transitions in the file times the length of a step.
+    transitions so far times the length of a step.
 
     Args:
         path: the log; an existing one is replaced, but only by a complete one.
         spec: names, units and bounds of observations and actions, and the length of a step.
         topic: transitions go to the topic `<topic>/transition`, episodes to `/episode`.
         run: where the data comes from.
+        first_step: number of transitions in the logs before this one, if it continues them; so does its clock.
 
     Raises:
         SpaceError: a dimension has a name that a log cannot hold.
         LogError: the file cannot be written, or another recording is using it or has left it unfinished.
     """
 
-    def __init__(self, path: Path, spec: SpaceSpec, *, topic: str = "/env_00", run: RunInfo) -> None:
+    def __init__(
+        self, path: Path, spec: SpaceSpec, *, topic: str = "/env_00", run: RunInfo, first_step: int = 0
+    ) -> None:
         self.path = path
         self.partial = path.with_name(f"{path.name}.partial")
         self.count = 0
         """Transitions appended so far."""
         self.safe_count = 0
         """Transitions that survive if the process is killed now."""
+        self._first_step = first_step
         self._step_ns = spec.step_seconds * 1e9
         self._episode_length, self._episode_return = 0, 0.0
         self._pending = False
@@ -202,7 +206,7 @@ class TransitionLogWriter:
             raise
 
     def _time_ns(self, steps: int) -> int:
-        return round(steps * self._step_ns)
+        return round((self._first_step + steps) * self._step_ns)
 
     def _failed(self, error: OSError) -> LogError:
         self.abandon()

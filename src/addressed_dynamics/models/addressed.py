@@ -187,4 +187,4 @@ class AddressedDynamics:
 
 
 def _as_tensor(values: np.ndarray | Tensor) -> Tensor:
-    return values if isinstance(values, Tensor) else torch.from_numpy(np.ascontiguousarray(values))
+    return values if isinstance(values, Tensor) else torch.from_numpy(np.array(values, order="C"))

@@ -123,4 +123,4 @@ class StackedMLP(nn.Module):
 def in_chunks(function: Callable[[Tensor], Tensor], x: Float[Tensor, "sample input"], *, sample_dim: int) -> Tensor:
     """Apply `function` to blocks of rows of `x` without gradients and join the results along `sample_dim`."""
     with torch.no_grad():
-        return torch.cat([function(block) for block in x.split(CHUNK_ROWS)], dim=sample_dim)
+        return torch.cat([function(block) for block in torch.split(x, CHUNK_ROWS)], dim=sample_dim)

@@ -71,8 +71,8 @@ def record_plan(plan: RecordParams, folder: Path, *, progress: Progress) -> None
 def recording_folder(target: Path) -> Iterator[Path]:
     """Yield a folder to record into; it becomes `target`, replacing an earlier one, if the block ends well.
 
-    Otherwise the logs, if there are any, stay in a hidden folder beside `target` until the next recording, and the exception carries a
-    note that says where.
+    Otherwise the logs, if there are any, stay in a hidden folder beside `target` until the next recording, and the
+    exception carries a note that says where.
     """
     partial = target.with_name(f".{target.name}.partial")
     if partial.exists():

@@ -173,7 +173,9 @@ class TransitionRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         path = self._path
         if self._shard_transitions is not None:
             path = path.with_name(f"{path.stem}-{len(self.paths):03d}.mcap")
-        writer = TransitionLogWriter(path, self.space_spec, topic=self._topic, run=self._run)
+        writer = TransitionLogWriter(
+            path, self.space_spec, topic=self._topic, run=self._run, first_step=self.transitions
+        )
         self.paths.append(path)
         return writer
 

@@ -38,7 +38,7 @@ def train_addressing(
     validation samples `agreement` (share for which the choice is the best member), `regret/mean` and `regret/max`
     (loss of the choice minus loss of the best), `loss/selected` (mean loss under the choice), `learning_rate`.
 
-    With a checkpoint, training goes on from it if it exists, and ends as it would have without the interruption.
+    With a checkpoint, training goes on from it if it exists, as `train_ensemble` does.
 
     Raises:
         TrainingError: there are no samples, or a loss is not finite.
@@ -53,41 +53,53 @@ def train_addressing(
     total_updates = params.epochs * updates_per_epoch(len(train), 1, params.batch_size)
     trainer = StackTrainer(network, cross_entropy, params.optimiser, total_updates)
     best = train_profiles.argmin(dim=1)
-    costs = misclassification_weights(train_profiles, params.tie_share) if variant == "cost_sensitive" else None
+    weights = misclassification_weights(train_profiles, params.tie_share) if variant == "cost_sensitive" else None
     one_bin = torch.zeros(len(train), dtype=torch.int64)
-    done, state = checkpoint.load() if checkpoint else (0, {})
-    if done:
+    everything = torch.arange(len(train))
+    history, state = checkpoint.load() if checkpoint else ([], {})
+    if history:
         generator.set_state(state.pop("generator"))
         trainer.restore(state)
-    for epoch in range(done + 1, params.epochs + 1):
+    for epoch, metrics in enumerate(history, start=1):
+        yield Epoch(epoch, epoch == params.epochs, epoch * total_updates // params.epochs, metrics, network)
+    for epoch in range(len(history) + 1, params.epochs + 1):
         rate, total, updates = trainer.learning_rate, 0.0, 0
+        drawn = everything if weights is None else resample(weights, generator)
         for batch in batches(one_bin, 1, params.batch_size, generator):
-            weight = batch.weight if costs is None else batch.weight * costs[batch.rows]
-            total += float(trainer.update(train.x[batch.rows], best[batch.rows], weight))
+            rows = drawn[batch.rows]
+            total += float(trainer.update(train.x[rows], best[rows], batch.weight))
             updates += 1
         if not total < float("inf"):
             message = "the loss of the addressing network is not finite: lower addressing.optimiser.learning_rate"
             raise TrainingError(message)
-        if checkpoint:
-            checkpoint.save(epoch, {**trainer.state(), "generator": generator.get_state()})
         metrics = {"loss/train": total / updates, "learning_rate": rate}
         metrics |= addressing_metrics(network, validation, validation_profiles)
+        history.append(metrics)
+        if checkpoint:
+            checkpoint.save(history, {**trainer.state(), "generator": generator.get_state()})
         yield Epoch(epoch, epoch == params.epochs, trainer.updates, metrics, network)
-    if done == params.epochs:
-        metrics = addressing_metrics(network, validation, validation_profiles)
-        yield Epoch(done, True, trainer.updates, metrics, network)
 
 
 def misclassification_weights(profiles: Float[Tensor, "sample member"], tie_share: float) -> Float[Tensor, " sample"]:
-    """Return the weight of each sample's cross-entropy: the square root of what a wrong choice costs, mean 1.
+    """Return how often each sample should be seen: by the square root of what a wrong choice costs; mean 1.
 
     Plain argmin targets treat a near tie and a disaster alike: the few wrong choices at a wall, where the velocity
     jumps, cost more than all others together. The cost of a wrong choice is the worst member's loss minus the best's.
     `tie_share` of the weight is spread evenly over all samples, so that near ties are still decided.
     """
-    cost = (profiles.max(dim=1).values - profiles.min(dim=1).values).sqrt()
-    mean = cost.mean().clamp(min=torch.finfo(cost.dtype).tiny)
-    return tie_share + (1.0 - tie_share) * cost / mean
+    cost = (profiles.max(dim=1).values - profiles.min(dim=1).values).double().sqrt()
+    return tie_share + (1.0 - tie_share) * cost / cost.mean().clamp(min=torch.finfo(cost.dtype).tiny)
+
+
+def resample(weights: Float[Tensor, " sample"], generator: torch.Generator) -> Int64[Tensor, " sample"]:
+    """Return as many rows as there are, each drawn in proportion to its weight (systematic resampling).
+
+    A sample of weight w is drawn floor(w) or ceil(w) times, so that the draw adds little noise of its own. Drawing
+    costly samples more often trains better than weighting their loss: rare large steps become many ordinary ones.
+    """
+    total = weights.double().cumsum(dim=0)
+    places = (torch.arange(len(weights)) + torch.rand(1, generator=generator, dtype=torch.float64)) / len(weights)
+    return torch.searchsorted(total, places * total[-1]).clamp(max=len(weights) - 1)
 
 
 def choose(network: StackedMLP, samples: Samples) -> Int64[Tensor, " sample"]:

@@ -1,5 +1,7 @@
 """What the ensemble is compared with: how each baseline is made to train as long as the ensemble does."""
 
+import math
+
 from addressed_dynamics.features.samples import Samples
 from addressed_dynamics.models.stacked import StackedMLP
 from addressed_dynamics.params import BaselinesParams, EnsembleParams
@@ -13,9 +15,9 @@ ABLATIONS: dict[str, Binning] = {"unequal_bins": "lowest_loss", "random_bins": "
 def baseline_params(name: str, ensemble: EnsembleParams, baselines: BaselinesParams, train: Samples) -> EnsembleParams:
     """Return the training of baseline `name`, as the training of an ensemble.
 
-    An ablation trains as the ensemble does, but for its bins. A single network is an ensemble of one; it has the
-    batch size of a member and makes as many updates as the ensemble, rounded up to whole epochs (its epochs are n times
-    as long, so it makes as many updates in fewer of them).
+    An ablation trains as the ensemble does, but for its bins. A single network is an ensemble of one; it makes as many
+    updates as the ensemble, rounded up to whole epochs (with a member's batch size its epochs are n times as long, so
+    there are fewer of them).
 
     Args:
         name: one of the baselines that params may name.
@@ -26,13 +28,14 @@ def baseline_params(name: str, ensemble: EnsembleParams, baselines: BaselinesPar
     if name in ABLATIONS:
         return ensemble
     updates = ensemble.epochs * updates_per_epoch(len(train), ensemble.members, ensemble.batch_size)
-    epochs = -(-updates // updates_per_epoch(len(train), 1, ensemble.batch_size))
-    hidden = (
-        baselines.wide_hidden
-        if name == "wide"
-        else hidden_of_total_parameters(train.x.shape[1], train.y.shape[1], ensemble.hidden, ensemble.members)
-    )
-    return ensemble.model_copy(update={"members": 1, "epochs": epochs, "cluster_epochs": 1, "hidden": hidden})
+    if name == "wide":
+        hidden, batch_size = baselines.wide_hidden, baselines.wide_batch_size
+    else:
+        hidden = hidden_of_total_parameters(train.x.shape[1], train.y.shape[1], ensemble.hidden, ensemble.members)
+        batch_size = ensemble.batch_size
+    epochs = math.ceil(updates / updates_per_epoch(len(train), 1, batch_size))
+    single = {"members": 1, "epochs": epochs, "cluster_epochs": 1, "hidden": hidden, "batch_size": batch_size}
+    return ensemble.model_copy(update=single)
 
 
 def hidden_of_total_parameters(inputs: int, outputs: int, hidden: tuple[int, ...], members: int) -> tuple[int, ...]:

@@ -10,12 +10,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import safetensors
 import safetensors.torch
-import torch
 from safetensors import SafetensorError
 from torch import Tensor
 
 from addressed_dynamics.files import atomic_path
+
+FORMAT = 2
+"""Version of what a checkpoint holds, part of its name."""
 
 
 @dataclass(frozen=True)
@@ -28,21 +31,22 @@ class Checkpoint:
     @staticmethod
     def of(folder: Path, **identity: Any) -> "Checkpoint":
         """Return the checkpoint in `folder` of the training that `identity` (JSON-compatible values) determines."""
-        text = json.dumps(identity, sort_keys=True)
+        text = json.dumps({"format": FORMAT, **identity}, sort_keys=True)
         return Checkpoint(folder / f"{hashlib.blake2b(text.encode(), digest_size=12).hexdigest()}.safetensors")
 
-    def save(self, epoch: int, tensors: dict[str, Tensor]) -> None:
-        """Keep `tensors` as the state after `epoch`; the previous state is replaced in one step."""
+    def save(self, history: list[dict[str, float]], tensors: dict[str, Tensor]) -> None:
+        """Keep the metrics of all epochs so far and the state after the last, in place of what was kept before."""
         with atomic_path(self.path) as temporary:
-            safetensors.torch.save_file({**tensors, "epoch": torch.tensor(epoch)}, temporary)
+            safetensors.torch.save_file(tensors, temporary, metadata={"history": json.dumps(history)})
 
-    def load(self) -> tuple[int, dict[str, Tensor]]:
-        """Return the last saved epoch and its tensors; 0 and nothing if there is none that can be read."""
+    def load(self) -> tuple[list[dict[str, float]], dict[str, Tensor]]:
+        """Return the metrics of the finished epochs and the state after the last; nothing if none can be read."""
         try:
-            tensors = safetensors.torch.load_file(self.path)
+            with safetensors.safe_open(self.path, framework="pt") as file:
+                history: list[dict[str, float]] = json.loads(file.metadata()["history"])
+                return history, {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a mapping
         except (FileNotFoundError, SafetensorError):
-            return 0, {}
-        return int(tensors.pop("epoch")), tensors
+            return [], {}
 
     def remove(self) -> None:
         """Delete the file, if there is one."""

@@ -1,7 +1,7 @@
 """Algorithm 1 of the paper: give every sample to one subnetwork, by loss, in equally large bins."""
 
 import torch
-from jaxtyping import Float, Int64
+from jaxtyping import Bool, Float, Int32, Int64
 from torch import Tensor
 
 from addressed_dynamics.errors import TrainingError
@@ -34,43 +34,41 @@ def assign_to_bins(losses: Float[Tensor, "sample member"]) -> Int64[Tensor, " sa
         message = "a loss profile has a value that is not finite: lower the learning rate or check the data"
         raise TrainingError(message)
     samples, members = losses.shape
-    hardest_first = torch.argsort(torch.linalg.vector_norm(losses, dim=1), descending=True, stable=True)
-    ordered = losses[hardest_first]
+    # What is left to assign, hardest first. Choices are made where the losses lie and only their labels are gathered in
+    # this order: gathering the losses themselves costs more than the sort.
+    left = torch.argsort(torch.linalg.vector_norm(losses, dim=1), descending=True, stable=True)
+    columns = losses.T.contiguous()
     room = torch.full((members,), samples // members, dtype=torch.int64)
     room[: samples % members] += 1
     closed = room == 0
     assigned = torch.empty(samples, dtype=torch.int64, device=losses.device)
-    done = 0
-    while done < samples:
-        preferred = _lowest_open(ordered[done:], closed)
+    while len(left):
+        preferred = _lowest_open(columns, closed)[left]
         stop, full = _first_without_room(preferred, room, closed)
-        assigned[done : done + stop] = preferred[:stop]
+        assigned[left[:stop]] = preferred[:stop].long()
         room -= torch.bincount(preferred[:stop], minlength=members).cpu()
-        done += stop
+        left = left[stop:]
         if full is not None:
             closed[full] = True
-    members_of_samples = torch.empty_like(assigned)
-    members_of_samples[hardest_first] = assigned
-    return members_of_samples
+    return assigned
 
 
-def _lowest_open(losses: Float[Tensor, "sample member"], closed: Tensor) -> Int64[Tensor, " sample"]:
+def _lowest_open(columns: Float[Tensor, "member sample"], closed: Bool[Tensor, " member"]) -> Int32[Tensor, " sample"]:
     """Return the index of each sample's lowest loss among the members that are not closed; ties go to the lower."""
-    open_members = torch.nonzero(~closed).squeeze(1).to(losses.device)
-    if len(open_members) == 1:
-        return open_members.expand(len(losses))
-    # A running minimum over columns: strict comparison keeps the lower index, and it is several times faster on a CPU
-    # than argmin over a short last dimension.
-    lowest = losses[:, open_members[0]]
-    preferred = open_members[0].expand(len(losses))
-    for member in open_members[1:]:
-        better = losses[:, member] < lowest
-        lowest = torch.where(better, losses[:, member], lowest)
-        preferred = torch.where(better, member, preferred)
+    first, *others = torch.nonzero(~closed).squeeze(1).tolist()
+    # A running minimum over members: strict comparison keeps the lower index, and it is several times faster on a CPU
+    # than argmin over a short dimension.
+    lowest = columns[first]
+    preferred = torch.full((len(lowest),), first, dtype=torch.int32, device=columns.device)
+    for member in others:
+        preferred.masked_fill_(columns[member] < lowest, member)
+        lowest = torch.minimum(lowest, columns[member])
     return preferred
 
 
-def _first_without_room(preferred: Int64[Tensor, " sample"], room: Tensor, closed: Tensor) -> tuple[int, int | None]:
+def _first_without_room(
+    preferred: Int32[Tensor, " sample"], room: Int64[Tensor, " member"], closed: Bool[Tensor, " member"]
+) -> tuple[int, int | None]:
     """Return how many samples find room before the first that does not, and the bin that this one finds full."""
     stop, full = len(preferred), None
     counts = torch.bincount(preferred, minlength=len(room)).cpu()

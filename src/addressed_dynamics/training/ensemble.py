@@ -40,7 +40,8 @@ def train_ensemble(
     others; `share/k` of the former. `bins/changed`: share of the training samples that changed their bin;
     `learning_rate`.
 
-    With a checkpoint, training goes on from it if it exists, and ends as it would have without the interruption.
+    With a checkpoint, training goes on from it if it exists: the epochs before it are yielded again with their metrics
+    (and the networks as they are after the last of them), and it ends as it would have without the interruption.
 
     Raises:
         TrainingError: there are fewer samples than members, or a loss is not finite.
@@ -57,12 +58,14 @@ def train_ensemble(
     total_updates = params.epochs * updates_per_epoch(len(train), members, params.batch_size)
     trainer = StackTrainer(stack, REGRESSION_LOSSES[params.loss], params.optimiser, total_updates)
     bins = torch.randint(0, members, (len(train),), generator=named_generator(seed, "ensemble/random_bins"))
-    done, state = checkpoint.load() if checkpoint else (0, {})
-    if done:
+    history, state = checkpoint.load() if checkpoint else ([], {})
+    if history:
         bins, random_state = state.pop("bins"), state.pop("generator")
         generator.set_state(random_state)
         trainer.restore(state)
-    for epoch in range(done + 1, params.epochs + 1):
+    for epoch, metrics in enumerate(history, start=1):
+        yield Epoch(epoch, epoch == params.epochs, epoch * total_updates // params.epochs, metrics, stack)
+    for epoch in range(len(history) + 1, params.epochs + 1):
         previous = bins
         if binning != "random" and epoch <= params.cluster_epochs:
             profiles = evaluate_profiles(stack, train, params.loss)
@@ -73,12 +76,10 @@ def train_ensemble(
         metrics |= {f"loss_member/{k}": float(loss) for k, loss in enumerate(member_losses)}
         metrics |= specialisation(evaluate_profiles(stack, validation, reported_loss(params.loss)) * loss_unit)
         metrics["bins/changed"] = float((bins != previous).double().mean()) if epoch > 1 else 1.0
+        history.append(metrics)
         if checkpoint:
-            checkpoint.save(epoch, {**trainer.state(), "bins": bins, "generator": generator.get_state()})
+            checkpoint.save(history, {**trainer.state(), "bins": bins, "generator": generator.get_state()})
         yield Epoch(epoch, epoch == params.epochs, trainer.updates, metrics, stack)
-    if done == params.epochs:
-        metrics = specialisation(evaluate_profiles(stack, validation, reported_loss(params.loss)) * loss_unit)
-        yield Epoch(done, True, trainer.updates, metrics, stack)
 
 
 def untrained_ensemble(inputs: int, outputs: int, params: EnsembleParams, *, seed: int) -> StackedMLP:

@@ -1,7 +1,10 @@
 """Several trainings at the same time, each in a process of its own, their epochs as one stream."""
 
 import multiprocessing
+import os
+import pickle
 import signal
+import threading
 from collections.abc import Callable, Iterator, Mapping
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
@@ -36,11 +39,11 @@ def run_jobs(jobs: Mapping[str, Job], *, processes: int) -> Iterator[tuple[str, 
                 name, job = waiting.pop(0)
                 receiver, process = _start(job)
                 running[receiver] = (name, process)
-            for receiver in wait(list(running)):
-                assert isinstance(receiver, Connection)
+            ready = wait(list(running))
+            for receiver in [connection for connection in running if connection in ready]:
                 name, process = running[receiver]
                 try:
-                    message = receiver.recv()
+                    message = pickle.loads(receiver.recv_bytes())
                 except EOFError:
                     text = f"the process that trained '{name}' died (killed, or out of memory); run the stage again"
                     raise TrainingError(text) from None
@@ -61,27 +64,41 @@ def _start(job: Job) -> tuple[Connection, SpawnProcess]:
     context = multiprocessing.get_context("spawn")
     receiver, sender = context.Pipe(duplex=False)
     process = context.Process(target=_work, args=(job, sender), daemon=True)
-    # Ctrl-C reaches every process of a terminal; the parent alone decides, or each worker would show a traceback.
-    previous = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # Ctrl-C reaches every process of a terminal; the parent alone decides, or each worker would show a traceback. The
+    # worker begins with the signal blocked; for the parent it is only held back.
+    previous = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         process.start()
     finally:
-        signal.signal(signal.SIGINT, previous)
+        signal.pthread_sigmask(signal.SIG_SETMASK, previous)
     sender.close()
     return receiver, process
 
 
 def _work(job: Job, sender: Connection) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     prepare_torch(threads=1)
     try:
         for epoch in job():
-            sender.send(epoch if epoch.last else _without_weights(epoch))
-        sender.send(None)
+            _send(sender, epoch if epoch.last else _without_weights(epoch))
+        _send(sender, None)
     except AddressedDynamicsError as error:
-        sender.send(error)
+        _send(sender, error)
     except BrokenPipeError:
         return  # the parent is gone; the checkpoint holds the last finished epoch
+
+
+def _end_with_parent() -> None:
+    """End this process when the parent is gone, even by kill -9: nobody would read what it finds."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    wait([parent.sentinel])
+    os._exit(1)
+
+
+def _send(sender: Connection, message: Epoch | AddressedDynamicsError | None) -> None:
+    # Connection.send would put tensors into shared memory, which is gone when this process ends before they are read.
+    sender.send_bytes(pickle.dumps(message))
 
 
 def _without_weights(epoch: Epoch) -> Epoch:

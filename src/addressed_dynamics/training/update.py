@@ -99,7 +99,7 @@ class StackTrainer:
 
 def _views(flat: Tensor, shapes: list[torch.Size]) -> list[Tensor]:
     """Return views of consecutive parts of `flat` with the given shapes."""
-    parts = flat.split([shape.numel() for shape in shapes])
+    parts = torch.split(flat, [shape.numel() for shape in shapes])
     return [part.view(shape) for part, shape in zip(parts, shapes, strict=True)]
 
 

@@ -1,0 +1,61 @@
+"""Write the report, and keep it in MLflow together with the delivered model."""
+
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+
+from addressed_dynamics import tracking
+from addressed_dynamics.models.addressed import AddressedDynamics
+from addressed_dynamics.models.files import load_network
+from addressed_dynamics.models.portable import PortableDynamics
+from addressed_dynamics.params import AddressingParams, EnsembleParams, load_params
+from addressed_dynamics.reporting.document import Origin, build_report, headline
+from addressed_dynamics.reporting.paper import PAPER
+from addressed_dynamics.reporting.render import FIGURES, write_report
+from addressed_dynamics.reporting.results import load_results
+from pipeline.common import evaluation_dir, models_dir, reports_dir, run_stage
+
+LIBRARIES = ("addressed-dynamics", "gymnasium", "numpy", "stable-baselines3", "torch")
+
+
+def main(experiment: str, params_file: Path) -> None:
+    """Report on `experiment`."""
+    title = load_params(params_file, experiment).title
+    results = load_results(reports_dir(experiment), evaluation_dir(experiment))
+    delivered, folder = results.evaluation.delivered, models_dir(experiment)
+    ensemble = load_network(folder / "ensemble" / f"seed-{delivered.seed}")
+    addressing = load_network(folder / "addressing" / f"seed-{delivered.seed}" / delivered.variant)
+    references = [
+        reference
+        for file in sorted(folder.glob(f"*/**/{tracking.RUN_FILE}"))
+        if (reference := tracking.read_run_id(file.parent)) is not None
+    ]
+    origin = Origin(
+        title=title,
+        params_file=params_file.as_posix(),
+        commit=tracking.code_version(),
+        versions={name: version(name) for name in LIBRARIES},
+        target=ensemble.features.target,
+        ensemble=EnsembleParams.model_validate(ensemble.notes["params"]["ensemble"], strict=False),
+        addressing=AddressingParams.model_validate(addressing.notes["params"], strict=False),
+        spaces=ensemble.features.spaces,
+        runs={reference.name: tracking.run_link(reference) for reference in references},
+    )
+    paper = PAPER.get(experiment)
+    report = build_report(results, origin, paper)
+    target = reports_dir(experiment)
+    write_report(report, target)
+    with tracking.run(stage="report", experiment=experiment, name=f"{experiment} report", params={},
+                      params_file=params_file) as run:  # fmt: skip
+        run.log(headline(results, paper), step=0)
+        run.log_artifact(target / "report.html")
+        run.log_artifact(target / FIGURES, FIGURES)
+        model = PortableDynamics(AddressedDynamics(ensemble.features, ensemble.stack, addressing.stack))
+        arrays = results.arrays
+        action = arrays.action.reshape(len(arrays.observation), -1)
+        run.log_model(model, np.hstack([arrays.observation, action])[:4].astype(np.float32), experiment)
+
+
+if __name__ == "__main__":
+    run_stage(main)

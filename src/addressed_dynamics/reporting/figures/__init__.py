@@ -1,0 +1,1 @@
+"""The report's figures, all in one house style."""

@@ -1,0 +1,156 @@
+"""How predictions run beside the truth: one step ahead along an episode, in rollouts, and against the horizon."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure as Canvas
+
+from addressed_dynamics.reporting.blocks import Figure
+from addressed_dynamics.reporting.figures.style import (
+    INK,
+    MEMBERS,
+    logarithmic,
+    member_colour,
+    member_legend,
+    model_style,
+    panel,
+    picture,
+    positive,
+    with_unit,
+)
+from addressed_dynamics.reporting.results import Arrays, Columns
+from addressed_dynamics.transitions import Dimension
+
+MOST_STEPS = 200
+"""Steps of an episode that a figure shows."""
+
+
+def one_step_prediction(arrays: Arrays, dimensions: Sequence[Dimension]) -> Figure:
+    """Draw predictions beside the truth along the longest held-out episode, with the error and the network selected."""
+    episodes, lengths = np.unique(arrays.episode, return_counts=True)
+    rows = np.flatnonzero(arrays.episode == episodes[lengths.argmax()])[:MOST_STEPS]
+    steps = np.arange(len(rows))
+    chosen = arrays.chosen[rows]
+    colours = [member_colour(member) for member in chosen]
+
+    def draw(canvas: Canvas, index: int, dimension: Dimension) -> None:
+        upper, lower = canvas.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+        truth, predicted = arrays.next_observation[rows, index], arrays.predicted[rows, index]
+        upper.plot(steps, truth, color="#bdbdbd", linewidth=4, label="truth", solid_capstyle="round")
+        upper.plot(steps, predicted, color=INK, linewidth=1, label="prediction")
+        upper.set_ylabel(with_unit(dimension.name, dimension.unit))
+        upper.legend(loc="lower right", ncols=2, bbox_to_anchor=(1, 1), borderaxespad=0.2)
+        error = positive(np.abs(predicted.astype(np.float64) - truth))
+        # A prediction that is exact to the last bit has no place on a logarithmic axis.
+        exact = np.abs(predicted - truth) == 0
+        lower.scatter(steps[~exact], error[~exact], c=[c for c, e in zip(colours, exact, strict=True) if not e], s=5)
+        lower.set(ylabel="error", xlabel="step")
+        logarithmic(lower, "y")
+        member_legend(lower, sorted(set(chosen.tolist())), loc="lower left", ncols=4, columnspacing=0.8, borderpad=0.1)
+
+    panels = tuple(
+        picture(
+            f"one-step-{dimension.name}",
+            f"{dimension.name} along an episode, true and predicted one step ahead, and the absolute error",
+            partial(draw, index=index, dimension=dimension),
+            size=(4.6, 3.6),
+        )
+        for index, dimension in enumerate(dimensions)
+    )
+    caption = (
+        f"One step ahead along the longest held-out episode (its first {len(rows)} steps). "
+        "Above: the true next state, and what the model predicts for it from the true state before. Below: the "
+        "absolute error in the same unit, coloured by the network that the addressing network selects."
+    )
+    return Figure(caption, panels)
+
+
+def rollouts(arrays: Arrays, dimensions: Sequence[Dimension]) -> Figure:
+    """Draw the true and the predicted course of rollouts, one of each kind."""
+    steps = np.arange(arrays.rollout_true.shape[1])
+
+    def draw(axes: Axes, episode: int, index: int, dimension: Dimension) -> None:
+        axes.plot(steps, arrays.rollout_true[episode, :, index], color="#bdbdbd", linewidth=3.5, label="environment")
+        axes.plot(steps, arrays.rollout_predicted[episode, :, index], color=MEMBERS[0], linewidth=0.9, label="model")
+        axes.set(xlabel="step", ylabel=with_unit(dimension.name, dimension.unit), xlim=(0, steps[-1]))
+        axes.legend(loc="lower right", ncols=2, bbox_to_anchor=(1, 1), borderaxespad=0.2)
+        axes.set_title(_kind(bool(arrays.rollout_touched[episode])))
+
+    panels = tuple(
+        panel(
+            f"rollout-{episode}-{dimension.name}",
+            f"{dimension.name} in a rollout {_kind(bool(arrays.rollout_touched[episode]))}, true and predicted",
+            partial(draw, episode=episode, index=index, dimension=dimension),
+        )
+        for episode in range(len(arrays.rollout_true))
+        for index, dimension in enumerate(dimensions)
+    )
+    caption = (
+        f"Free-running rollouts of {steps[-1]:,} steps: the model sees the true first state and the actions, and from "
+        "then on only its own predictions. One rollout of each kind, the middle one in the order of recording."
+    )
+    return Figure(caption, panels)
+
+
+def _kind(touched: bool) -> str:
+    return "with wall contact" if touched else "without wall contact"
+
+
+def error_against_horizon(horizon: Mapping[str, Columns], dimensions: Sequence[Dimension]) -> Figure:
+    """Draw the squared error of rollouts against their length, for the delivered model and one of each baseline."""
+    shown = _first_of_each(horizon)
+
+    def draw(axes: Axes, dimension: Dimension) -> None:
+        for name, columns in shown.items():
+            title, colour = model_style(name)
+            low, middle, high = (_percentile(columns, dimension, share) for share in ("p10", "p50", "p90"))
+            own = name == "ensemble/argmax"
+            if own or name.startswith("total_parameters"):
+                axes.fill_between(columns["horizon"], low, high, color=colour, alpha=0.13, linewidth=0)
+            axes.plot(
+                columns["horizon"], middle, color=colour, label=title, linewidth=1.8 if own else 1.1, zorder=3 + own
+            )
+        axes.set(xlabel="steps since the true state", ylabel=_squared(dimension), xlim=(0, None))
+        logarithmic(axes, "y")
+        axes.figure.legend(loc="outside lower center", ncols=2)
+
+    panels = tuple(
+        panel(
+            f"horizon-{dimension.name}",
+            f"Squared error of {dimension.name} in rollouts against the number of steps, for all models",
+            partial(draw, dimension=dimension),
+            size=(4.6, 4.0),
+        )
+        for dimension in dimensions
+    )
+    caption = (
+        "Error against horizon in free-running rollouts: median over all rollouts (line) and 10th to 90th percentile "
+        "(band, for the ensemble and the network of the same size), in the environment's units. The delivered model "
+        "and one of each baseline."
+    )
+    return Figure(caption, panels)
+
+
+def _squared(dimension: Dimension) -> str:
+    unit = f"({dimension.unit})²" if "/" in dimension.unit else f"{dimension.unit}²" if dimension.unit else ""
+    return with_unit(f"squared error of the {dimension.name}", unit)
+
+
+def _first_of_each(horizon: Mapping[str, Columns]) -> dict[str, Columns]:
+    shown: dict[str, Columns] = {}
+    seen: set[str] = set()
+    for name, columns in horizon.items():
+        kind = name.partition("/seed-")[0]
+        if kind not in seen and (kind == "ensemble/argmax" or not kind.startswith("ensemble/")):
+            seen.add(kind)
+            shown[name] = columns
+    return shown
+
+
+def _percentile(columns: Columns, dimension: Dimension, share: str) -> Float[np.ndarray, " horizon"]:
+    return positive(columns[f"{dimension.name}_{share}"])

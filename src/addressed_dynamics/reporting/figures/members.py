@@ -1,0 +1,178 @@
+"""Which member serves which samples: loss profiles, and maps of the state space."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap, LogNorm
+
+from addressed_dynamics.reporting.blocks import Figure, Panel
+from addressed_dynamics.reporting.figures.style import (
+    HALF,
+    THIRD,
+    member_colour,
+    member_legend,
+    panel,
+    positive,
+    thinned,
+    with_unit,
+)
+from addressed_dynamics.reporting.results import Arrays
+from addressed_dynamics.transitions import Dimension, DiscreteAction, SpaceSpec
+
+MOST_POINTS = 6000
+"""Points in a scatter plot."""
+CELLS = 40
+"""Cells along a side of a map."""
+
+
+def loss_profiles(arrays: Arrays) -> Figure | None:
+    """Draw the loss profile of every sample before and after training (Fig. 2 of the paper); None for one member.
+
+    With more than two members, the two that are selected most often.
+    """
+    members = len(arrays.profile)
+    if members < 2:
+        return None
+    popularity = np.bincount(arrays.chosen, minlength=members)
+    first, second = sorted(np.argsort(-popularity, kind="stable")[:2].tolist())
+    rows = thinned(len(arrays.chosen), MOST_POINTS)
+    profiles = {"before": arrays.profile_untrained, "after": arrays.profile}
+    everything = positive(np.concatenate([profile[[first, second]].ravel() for profile in profiles.values()]))
+    low, high = np.quantile(everything, 0.002), everything.max() * 2
+
+    def draw(axes: Axes, profile: Float[np.ndarray, "member sample"], title: str) -> None:
+        # Members are drawn point by point in the samples' order, so that none covers the other as a whole. The
+        # lowest losses are drawn at the edge.
+        colours = [member_colour(k) for k in arrays.chosen[rows]]
+        x, y = (profile[k, rows].clip(min=low) for k in (first, second))
+        axes.plot([low, high], [low, high], color="#bbbbbb", linewidth=0.8, zorder=1)
+        axes.scatter(x, y, c=colours, s=3, alpha=0.45, linewidths=0, zorder=2)
+        axes.set(xscale="log", yscale="log", xlim=(low, high), ylim=(low, high), title=title)
+        axes.set(xlabel=f"loss under network {first + 1}", ylabel=f"loss under network {second + 1}")
+        axes.set_aspect("equal")
+        member_legend(axes, sorted(set(arrays.chosen.tolist())), loc="upper left", title="selected")
+
+    panels = tuple(
+        panel(
+            f"loss-profiles-{when}",
+            f"Losses of test samples under two networks {when} training, coloured by the selected network",
+            partial(draw, profile=profile, title=f"{when} training"),
+            size=(4.6, 4.4),
+        )
+        for when, profile in profiles.items()
+    )
+    caption = (
+        f"Loss profiles (Fig. 2 of the paper). Each point is one of {len(rows):,} test transitions; its coordinates "
+        f"are its losses (of states scaled to [0, 1]) under networks {first + 1} and {second + 1}, its colour is the "
+        "network that the addressing network selects after training. On the grey line both serve it equally "
+        "well; the further "
+        "from it, the more the choice matters."
+    )
+    return Figure(caption, panels)
+
+
+def state_maps(arrays: Arrays, spaces: SpaceSpec) -> Figure | None:
+    """Draw where in the plane of the first two dimensions each member is selected, and how large the error is.
+
+    One pair of maps for each discrete action. None if the state has one dimension.
+    """
+    if len(spaces.observation) < 2:
+        return None
+    losses = positive(arrays.profile[arrays.chosen, np.arange(len(arrays.chosen))])
+    parts = list(_by_action(arrays, spaces))
+    grids = [_grid(arrays.observation[rows, :2], spaces.observation) for _, rows in parts]
+    means = [_cell_means(losses[rows], cells) for (_, rows), cells in zip(parts, grids, strict=True)]
+    low, high = (reduce([np.nanquantile(mean, share) for mean in means]) for reduce, share in ((min, 0.01), (max, 1.0)))
+    members = len(arrays.profile)
+    size = THIRD if len(parts) > 2 else HALF
+    chosen_panels, error_panels = list[Panel](), list[Panel]()
+    for index, ((title, rows), cells, mean) in enumerate(zip(parts, grids, means, strict=True)):
+        majority = _cell_majority(arrays.chosen[rows], cells, members)
+
+        def draw_chosen(axes: Axes, image: Float[np.ndarray, "y x"] = majority, title: str = title) -> None:
+            colours = ListedColormap([member_colour(k) for k in range(members)])
+            _draw_map(axes, image, spaces.observation, cmap=colours, vmin=-0.5, vmax=members - 0.5)
+            axes.set_title(title)
+
+        def draw_error(axes: Axes, image: Float[np.ndarray, "y x"] = mean, title: str = title) -> None:
+            norm = LogNorm(low, max(high, low * 1.01))
+            mesh = _draw_map(axes, image, spaces.observation, cmap="viridis", norm=norm)
+            axes.figure.colorbar(mesh, ax=axes, orientation="horizontal", aspect=30, pad=0.02).outline.set_visible(
+                False
+            )
+            axes.set_title(title)
+
+        seen = f"over {spaces.observation[0].name} and {spaces.observation[1].name}, {title}"
+        chosen_panels.append(
+            panel(f"map-selected-{index}", f"Map of the selected network {seen}", draw_chosen, size=size)
+        )
+        tall = (size[0], size[1] + 0.35)
+        error_panels.append(panel(f"map-error-{index}", f"Map of the error {seen}", draw_error, size=tall))
+    names = ", ".join(f"{_COLOUR_NAMES[k % len(_COLOUR_NAMES)]} network {k + 1}" for k in range(members))
+    caption = (
+        f"Where each network serves, and where the errors are: all {len(losses):,} test transitions in a grid "
+        "of "
+        f"{CELLS} × {CELLS} cells, one map for each action. Above: the network selected most often in a cell ({names}). Below: "
+        "mean loss (of states scaled to [0, 1]) of the selected network, logarithmic. White: no test data."
+    )
+    return Figure(caption, (*chosen_panels, *error_panels))
+
+
+_COLOUR_NAMES = ("blue", "orange", "green", "pink", "light blue", "yellow", "olive", "grey")
+
+
+def _by_action(arrays: Arrays, spaces: SpaceSpec) -> Iterator[tuple[str, Bool[np.ndarray, " sample"]]]:
+    if not isinstance(spaces.action, DiscreteAction):
+        yield "all actions", np.ones(len(arrays.chosen), dtype=np.bool_)
+        return
+    for action, name in enumerate(spaces.action.names):
+        rows = arrays.action == action
+        if rows.any():
+            yield name.replace("_", " "), rows
+
+
+def _grid(
+    states: Float[np.ndarray, "row 2"], dimensions: tuple[Dimension, ...]
+) -> tuple[Int[np.ndarray, " row"], Int[np.ndarray, " row"]]:
+    """Return the cell of each state along both axes."""
+    low, high = _limits(dimensions)
+    cells = ((states - low) / (high - low) * CELLS).clip(0, CELLS - 1).astype(np.int64)
+    return cells[:, 0], cells[:, 1]
+
+
+def _limits(dimensions: tuple[Dimension, ...]) -> tuple[Float[np.ndarray, " 2"], Float[np.ndarray, " 2"]]:
+    low, high = np.array([(dimension.low, dimension.high) for dimension in dimensions[:2]]).T
+    # A dimension without bounds is shown within ±10 of its unit; what lies beyond counts to the outermost cells.
+    return np.where(np.isfinite(low), low, -10.0), np.where(np.isfinite(high), high, 10.0)
+
+
+def _cell_means(
+    values: Float[np.ndarray, " row"], cells: tuple[Int[np.ndarray, " row"], Int[np.ndarray, " row"]]
+) -> Float[np.ndarray, "y x"]:
+    total, number = np.zeros((CELLS, CELLS)), np.zeros((CELLS, CELLS))
+    np.add.at(total, cells[::-1], values)
+    np.add.at(number, cells[::-1], 1.0)
+    return np.divide(total, number, out=np.full_like(total, np.nan), where=number > 0)
+
+
+def _cell_majority(
+    chosen: Int[np.ndarray, " row"], cells: tuple[Int[np.ndarray, " row"], Int[np.ndarray, " row"]], members: int
+) -> Float[np.ndarray, "y x"]:
+    votes = np.zeros((members, CELLS, CELLS))
+    np.add.at(votes, (chosen, cells[1], cells[0]), 1.0)
+    return np.where(votes.sum(axis=0) > 0, votes.argmax(axis=0), np.nan)
+
+
+def _draw_map(axes: Axes, image: Float[np.ndarray, "y x"], dimensions: tuple[Dimension, ...], **options: Any) -> Any:
+    low, high = _limits(dimensions)
+    x, y = (np.linspace(low[axis], high[axis], CELLS + 1) for axis in (0, 1))
+    axes.grid(visible=False)
+    first, second = dimensions[:2]
+    axes.set(xlabel=with_unit(first.name, first.unit), ylabel=with_unit(second.name, second.unit))
+    return axes.pcolormesh(x, y, np.ma.masked_invalid(image), rasterized=True, **options)

@@ -1,0 +1,340 @@
+"""What the earlier stages measured, read and checked."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, TypeVar
+from zipfile import BadZipFile
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
+
+from addressed_dynamics.errors import ReportError
+
+Value = TypeVar("Value")
+Columns = dict[str, np.ndarray]
+"""Columns of a CSV file; NaN where a row has no number."""
+
+
+class Record(BaseModel):
+    """Base of what is read from JSON: frozen; keys that a report does not show are ignored."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False)
+
+
+class Summary(Record):
+    """Spread of losses over samples."""
+
+    mean: float
+    median: float
+    p99: float
+    max: float
+
+
+class Misclassified(Summary):
+    """Losses of the samples for which a member is selected although another is better."""
+
+    per_thousand: float
+
+
+class MemberResult(Record):
+    """A row of Table 1."""
+
+    share: float
+    selected: float | None
+    not_selected: float | None
+    misclassified: Misclassified
+
+
+class AddressingResult(Record):
+    """Table 1 of one ensemble with one addressing network."""
+
+    samples: int
+    members: tuple[MemberResult, ...]
+    agreement: float
+    misclassified_per_thousand: float
+    regret: Summary
+    confusion: tuple[tuple[int, ...], ...]
+
+
+class DimensionResult(Record):
+    """One-step errors of one dimension of the state, in its own unit."""
+
+    name: str
+    unit: str
+    squared: Summary
+    absolute: Summary
+
+
+class OneStepResult(Record):
+    """One-step errors of one candidate."""
+
+    scaled: Summary
+    dimensions: tuple[DimensionResult, ...]
+
+
+class EpisodeSpread(Record):
+    """Spread of a rollout error over episodes."""
+
+    median: float
+    mean: float
+    p10: float
+    p90: float
+    max: float
+
+
+class RolloutGroup(Record):
+    """Rollout errors over some of the episodes."""
+
+    episodes: int
+    mse: dict[str, EpisodeSpread | None]
+
+
+class RolloutResult(Record):
+    """Rollout errors of one candidate."""
+
+    left_bounds_share: float
+    all: RolloutGroup
+    no_wall: RolloutGroup
+    wall: RolloutGroup
+
+
+class CandidateResult(Record):
+    """All that was measured of one candidate."""
+
+    label: str
+    parameters: int
+    one_step: OneStepResult
+    rollouts: RolloutResult | None = None
+
+
+class Delivered(Record):
+    """Which model is the one that is delivered."""
+
+    seed: int
+    variant: str
+
+
+class HeldOut(Record):
+    """What was held out."""
+
+    transitions: int
+    episodes: int
+
+
+class Evaluation(Record):
+    """evaluation.json."""
+
+    loss: str
+    test: HeldOut
+    delivered: Delivered
+    seeds: dict[str, dict[str, AddressingResult]]
+    candidates: dict[str, CandidateResult]
+
+    @property
+    def table(self) -> AddressingResult:
+        """Table 1 of the delivered model."""
+        return self.seeds[str(self.delivered.seed)][self.delivered.variant]
+
+    @property
+    def own(self) -> CandidateResult:
+        """The delivered model with the paper's addressing."""
+        return self.candidates["ensemble/argmax"]
+
+    @property
+    def own_seeds(self) -> list[CandidateResult]:
+        """The delivered model and those of the other seeds."""
+        return [self.own, *self._named("ensemble/argmax/seed-")]
+
+    def baseline(self, name: str) -> list[CandidateResult]:
+        """Return a baseline from all its seeds; empty if it was not trained."""
+        return self._named(f"{name}/seed-")
+
+    def _named(self, prefix: str) -> list[CandidateResult]:
+        return [candidate for name, candidate in self.candidates.items() if name.startswith(prefix)]
+
+
+class SegmentResult(Record):
+    """What was recorded in one segment."""
+
+    behaviour: str
+    count: int
+    transitions: int
+    goal_share_last_100: float | None
+
+
+class SplitResult(Record):
+    """Size of a split."""
+
+    episodes: int
+    transitions: int
+
+
+class Coverage(Record):
+    """How much of the state space the data has seen."""
+
+    cells_per_dimension: int
+    per_dimension: dict[str, float]
+    plane: float | None
+
+
+class Duplicates(Record):
+    """Rows that repeat an earlier one."""
+
+    rows: int
+    share: float
+
+
+class DataResult(Record):
+    """data.json."""
+
+    transitions: int
+    splits: dict[str, SplitResult]
+    segments: dict[str, SegmentResult]
+    coverage: Coverage
+    duplicates: Duplicates
+
+
+class AddressingTrainings(Record):
+    """addressing.json: validation metrics of each addressing network, by `seed-0/plain` and so on."""
+
+    delivered: dict[str, str]
+    validation: dict[str, dict[str, Any]]
+
+
+@dataclass(frozen=True)
+class Arrays:
+    """arrays.npz: what the figures show of the delivered model."""
+
+    observation: Float[np.ndarray, "sample observation"]
+    """States of the test transitions, in the environment's units."""
+    action: np.ndarray
+    """Actions: integers (sample,), or (sample, d_act)."""
+    episode: Int[np.ndarray, " sample"]
+    """Episodes the samples come from."""
+    next_observation: Float[np.ndarray, "sample observation"]
+    """True next states."""
+    predicted: Float[np.ndarray, "sample observation"]
+    """Next states as the selected member predicts them."""
+    chosen: Int[np.ndarray, " sample"]
+    """Member that the addressing network selects."""
+    best: Int[np.ndarray, " sample"]
+    """Member with the lowest loss."""
+    profile: Float[np.ndarray, "member sample"]
+    """Losses of states scaled to [0, 1] after training."""
+    profile_untrained: Float[np.ndarray, "member sample"]
+    """The same before training."""
+    rollout_true: Float[np.ndarray, "rollout time observation"]
+    """What the environment did in a few rollouts."""
+    rollout_predicted: Float[np.ndarray, "rollout time observation"]
+    """What the model made of them."""
+    rollout_touched: Bool[np.ndarray, " rollout"]
+    """Whether a wall was touched."""
+
+
+@dataclass(frozen=True)
+class Results:
+    """All that a report is made from."""
+
+    data: DataResult
+    evaluation: Evaluation
+    addressing: AddressingTrainings
+    baselines: dict[str, dict[str, float]]
+    """baselines.json: last metrics of each baseline, with `parameters` and `updates`."""
+    learner: Mapping[str, Columns]
+    """learner.csv by segment: every finished episode with its `return`."""
+    ensemble_curves: Mapping[str, Columns]
+    """ensemble.csv by training."""
+    addressing_curves: Mapping[str, Columns]
+    """addressing.csv by training."""
+    horizon: Mapping[str, Columns]
+    """horizon.csv by model."""
+    arrays: Arrays
+
+
+def load_results(reports: Path, evaluation: Path) -> Results:
+    """Read what the stages before the report wrote.
+
+    Args:
+        reports: folder of the JSON and CSV files.
+        evaluation: folder of arrays.npz.
+
+    Raises:
+        ReportError: a file is missing or malformed.
+    """
+    results = Results(
+        data=_read_json(reports / "data.json", DataResult),
+        evaluation=_read_json(reports / "evaluation.json", Evaluation),
+        addressing=_read_json(reports / "addressing.json", AddressingTrainings),
+        baselines=_read_json(reports / "baselines.json", dict[str, dict[str, float]]),
+        learner=_read_csv(reports / "learner.csv", by="segment", needed=("return",)),
+        ensemble_curves=_read_csv(reports / "ensemble.csv", by="training", needed=("epoch", "loss/train")),
+        addressing_curves=_read_csv(reports / "addressing.csv", by="training", needed=("epoch", "agreement")),
+        horizon=_read_csv(reports / "horizon.csv", by="model", needed=("horizon",)),
+        arrays=_read_arrays(evaluation / "arrays.npz"),
+    )
+    found = results.evaluation
+    if "ensemble/argmax" not in found.candidates or found.delivered.variant not in found.seeds.get(
+        str(found.delivered.seed), {}
+    ):
+        message = f"{reports / 'evaluation.json'}: the delivered model is not among those measured; run evaluate again"
+        raise ReportError(message)
+    return results
+
+
+def _read_json(path: Path, kind: type[Value]) -> Value:
+    try:
+        return TypeAdapter(kind).validate_json(_read_text(path))
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        place = ".".join(str(part) for part in first["loc"]) or "the file"
+        message = f"{path}: {place}: {first['msg']}; run the stage that writes it again"
+        raise ReportError(message) from error
+
+
+def _read_csv(path: Path, *, by: str, needed: tuple[str, ...]) -> dict[str, Columns]:
+    rows = list(csv.DictReader(_read_text(path).splitlines()))
+    for name in (by, *needed):
+        if rows and name not in rows[0]:
+            message = f"{path}: there is no column '{name}'; run the stage that writes it again"
+            raise ReportError(message)
+    groups: dict[str, list[dict[str, str]]] = {}
+    for row in rows:
+        groups.setdefault(row[by], []).append(row)
+    try:
+        return {
+            key: {name: np.array([float(row[name] or "nan") for row in group]) for name in group[0] if name != by}
+            for key, group in groups.items()
+        }
+    except (ValueError, TypeError) as error:
+        message = f"{path}: a cell is not a number ({error}); run the stage that writes it again"
+        raise ReportError(message) from error
+
+
+def _read_arrays(path: Path) -> Arrays:
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            return Arrays(**{field.name: file[field.name] for field in fields(Arrays)})
+    except FileNotFoundError as error:
+        raise _missing(path) from error
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
+        message = f"{path}: not the arrays that the evaluate stage writes ({error}); run it again"
+        raise ReportError(message) from error
+
+
+def _read_text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except FileNotFoundError as error:
+        raise _missing(path) from error
+    except (OSError, UnicodeDecodeError) as error:
+        message = f"{path}: cannot be read ({error}); run the stage that writes it again"
+        raise ReportError(message) from error
+
+
+def _missing(path: Path) -> ReportError:
+    return ReportError(f"{path}: missing, so there is nothing to report; 'dvc repro' makes it")

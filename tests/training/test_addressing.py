@@ -1,0 +1,135 @@
+from collections.abc import Iterator
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from learning import ADDRESSING, car_samples
+
+from addressed_dynamics.errors import TrainingError
+from addressed_dynamics.features.samples import Samples
+from addressed_dynamics.models.stacked import StackedMLP
+from addressed_dynamics.params import AddressingTraining
+from addressed_dynamics.training.addressing import (
+    Variant,
+    addressing_metrics,
+    choose,
+    confusion_matrix,
+    misclassification_weights,
+    train_addressing,
+)
+from addressed_dynamics.training.checkpoints import Checkpoint
+from addressed_dynamics.training.epochs import Epoch
+
+_, TRAIN, VALIDATION = car_samples()
+VARIANTS: list[Variant] = ["plain", "cost_sensitive"]
+
+
+def profiles(samples: Samples) -> torch.Tensor:
+    """Losses of three imagined members, each best in its part of the state space."""
+    centres = torch.tensor([-1.0, 0.0, 1.0])
+    return 1e-6 * (samples.x[:, :1] - centres).square()
+
+
+def train(params: AddressingTraining = ADDRESSING, *, seed: int = 3, **options: Any) -> Iterator[Epoch]:
+    options = {"variant": "plain"} | options
+    return train_addressing(TRAIN, profiles(TRAIN), VALIDATION, profiles(VALIDATION), params, seed=seed, **options)
+
+
+def weights(epoch: Epoch) -> bytes:
+    return b"".join(parameter.detach().numpy().tobytes() for parameter in epoch.network.parameters())
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_it_learns_which_member_is_best(variant: Variant) -> None:
+    first, *_, last = train(ADDRESSING.model_copy(update={"epochs": 40}), variant=variant)
+    assert last.metrics["agreement"] > 0.9
+    assert last.metrics["regret/mean"] < 0.3 * first.metrics["regret/mean"]
+    assert last.metrics["loss/train"] < first.metrics["loss/train"]
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(variant: Variant) -> None:
+    (*_, first), (*_, again), (*_, other) = (train(seed=seed, variant=variant) for seed in (3, 3, 4))
+    assert weights(first) == weights(again)
+    assert first.metrics == again.metrics
+    assert weights(first) != weights(other)
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("finished", [1, 3, 5], ids=lambda epochs: f"after {epochs}")
+def test_a_training_that_is_cut_off_goes_on_bit_for_bit(tmp_path: Path, variant: Variant, finished: int) -> None:
+    straight = list(train(variant=variant))
+    checkpoint = Checkpoint(tmp_path / "state.safetensors")
+    for _ in islice(train(variant=variant, checkpoint=checkpoint), finished):
+        pass
+    resumed = list(train(variant=variant, checkpoint=checkpoint))
+    assert weights(resumed[-1]) == weights(straight[-1])
+    shown = [[(e.index, e.last, e.updates, e.metrics) for e in epochs] for epochs in (resumed, straight)]
+    assert shown[0] == shown[1]
+
+
+def test_a_tie_share_of_1_makes_the_cost_sensitive_variant_plain() -> None:
+    params = ADDRESSING.model_copy(update={"tie_share": 1.0})
+    (*_, plain), (*_, sensitive) = (train(params, variant=variant) for variant in VARIANTS)
+    assert weights(plain) == weights(sensitive)
+
+
+@settings(deadline=None)
+@given(st.integers(1, 30), st.integers(2, 5), st.integers(0, 1000), st.floats(0.0, 1.0))
+def test_weights_of_wrong_choices_have_mean_1_and_rise_with_the_square_root_of_what_they_cost(
+    samples: int, members: int, seed: int, tie_share: float
+) -> None:
+    losses = torch.rand(samples, members, generator=torch.Generator().manual_seed(seed), dtype=torch.float64) ** 6
+    found = misclassification_weights(losses, tie_share)
+    costs = [(max(row) - min(row)) ** 0.5 for row in losses.tolist()]
+    mean = sum(costs) / samples
+    expected = [tie_share + (1.0 - tie_share) * cost / mean for cost in costs]
+    torch.testing.assert_close(found, torch.tensor(expected, dtype=torch.float64))
+    assert float(found.mean()) == pytest.approx(1.0)
+
+
+def test_samples_of_which_none_costs_anything_all_weigh_the_same() -> None:
+    found = misclassification_weights(torch.ones(4, 3), 0.5)
+    assert found.tolist() == [0.5] * 4
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(1, 40), st.integers(1, 4), st.integers(0, 1000))
+def test_metrics_and_confusion_equal_a_loop_over_the_samples(rows: int, members: int, seed: int) -> None:
+    generator = torch.Generator().manual_seed(seed)
+    network = StackedMLP(1, (5, 4, members), "relu", generator).requires_grad_(False)
+    x = torch.randn(rows, 5, generator=generator)
+    samples = Samples(x, torch.zeros(rows, 2), torch.zeros(rows).long(), torch.arange(rows))
+    losses = torch.rand(rows, members, generator=generator)
+    chosen = [max(range(members), key=scores.__getitem__) for scores in network(x)[0].tolist()]
+    best = [row.index(min(row)) for row in losses.tolist()]
+    selected = [row[member] for row, member in zip(losses.tolist(), chosen, strict=True)]
+    regret = [loss - min(row) for loss, row in zip(selected, losses.tolist(), strict=True)]
+    assert choose(network, samples).tolist() == chosen
+    assert addressing_metrics(network, samples, losses) == pytest.approx(
+        {
+            "agreement": sum(a == b for a, b in zip(chosen, best, strict=True)) / rows,
+            "loss/selected": sum(selected) / rows,
+            "regret/mean": sum(regret) / rows,
+            "regret/max": max(regret),
+        }
+    )
+    expected = [[sum((b, c) == (i, j) for b, c in zip(best, chosen, strict=True)) for j in range(members)]
+                for i in range(members)]  # fmt: skip
+    assert confusion_matrix(network, samples, losses) == expected
+
+
+def test_no_samples_are_refused() -> None:
+    none = Samples(TRAIN.x[:0], TRAIN.y[:0], TRAIN.episode[:0], TRAIN.step[:0])
+    with pytest.raises(TrainingError, match="no samples to train the addressing network on"):
+        next(train_addressing(none, profiles(none), VALIDATION, profiles(VALIDATION), ADDRESSING, seed=0, variant="plain"))
+
+
+def test_a_loss_that_is_not_finite_ends_training_with_advice() -> None:
+    optimiser = ADDRESSING.optimiser.model_copy(update={"learning_rate": 1e30})
+    with pytest.raises(TrainingError, match=r"lower addressing\.optimiser\.learning_rate"):
+        list(train(ADDRESSING.model_copy(update={"optimiser": optimiser})))

@@ -1,0 +1,100 @@
+import math
+
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from addressed_dynamics.training.epochs import Batch, batches, updates_per_epoch
+
+
+def passed(bins: torch.Tensor, members: int, batch_size: int, seed: int = 0) -> list[Batch]:
+    return list(batches(bins, members, batch_size, torch.Generator().manual_seed(seed)))
+
+
+@st.composite
+def equal_bins(draw: st.DrawFn) -> tuple[torch.Tensor, int]:
+    """Bins as Algorithm 1 makes them: their sizes differ by at most one, the larger ones first."""
+    members = draw(st.integers(1, 6))
+    samples = draw(st.integers(members, 60))
+    sizes = torch.tensor([samples // members + (member < samples % members) for member in range(members)])
+    bins = torch.arange(members).repeat_interleave(sizes)
+    return bins[torch.randperm(samples, generator=torch.Generator().manual_seed(draw(st.integers(0, 1000))))], members
+
+
+any_bins = st.integers(1, 6).flatmap(
+    lambda members: st.tuples(
+        st.lists(st.integers(0, members - 1), min_size=members, max_size=60).map(torch.tensor), st.just(members)
+    )
+)
+
+
+@settings(deadline=None)
+@given(equal_bins(), st.integers(1, 20))
+def test_equal_bins_give_each_sample_once_to_its_own_member(case: tuple[torch.Tensor, int], batch_size: int) -> None:
+    bins, members = case
+    seen = []
+    for batch in passed(bins, members, batch_size):
+        for member in range(members):
+            rows = batch.rows[member][batch.weight[member] > 0]
+            assert bins[rows].tolist() == [member] * len(rows)
+            seen += rows.tolist()
+    assert sorted(seen) == list(range(len(bins)))
+
+
+@settings(deadline=None)
+@given(any_bins, st.integers(1, 20))
+def test_weights_of_a_member_are_equal_and_add_to_1_in_every_batch_in_which_it_has_samples(
+    case: tuple[torch.Tensor, int], batch_size: int
+) -> None:
+    bins, members = case
+    sizes = torch.bincount(bins, minlength=members)
+    for batch in passed(bins, members, batch_size):
+        assert batch.rows.shape == batch.weight.shape
+        for member in range(members):
+            given_weight = batch.weight[member][batch.weight[member] > 0]
+            if len(given_weight):
+                torch.testing.assert_close(given_weight, torch.full_like(given_weight, 1 / len(given_weight)))
+            else:
+                assert sizes[member] == 0 or batch.rows.shape[1] == 1  # only the row that fills up a short bin
+
+
+@settings(deadline=None)
+@given(any_bins, st.integers(1, 20))
+def test_every_binning_costs_the_same_number_of_batches(case: tuple[torch.Tensor, int], batch_size: int) -> None:
+    bins, members = case
+    made = passed(bins, members, batch_size)
+    assert len(made) == updates_per_epoch(len(bins), members, batch_size)
+    assert sum(batch.rows.shape[1] for batch in made) == math.ceil(len(bins) / members)
+    assert all(batch.rows.shape[1] == batch_size for batch in made[:-1])
+
+
+@settings(deadline=None)
+@given(any_bins, st.integers(1, 20))
+def test_a_member_never_gets_a_sample_of_another(case: tuple[torch.Tensor, int], batch_size: int) -> None:
+    bins, members = case
+    for batch in passed(bins, members, batch_size):
+        owner = bins[batch.rows]
+        member = torch.arange(members).unsqueeze(1).expand_as(owner)
+        assert torch.equal(owner[batch.weight > 0], member[batch.weight > 0])
+
+
+def test_a_large_bin_gives_a_part_of_itself_and_a_small_one_repeats_itself_evenly() -> None:
+    bins = torch.tensor([0] * 9 + [1] * 3)
+    (batch,) = passed(bins, 2, 100)
+    assert len(set(batch.rows[0].tolist())) == 6
+    assert torch.bincount(batch.rows[1] - 9).tolist() == [2, 2, 2]
+
+
+def test_an_empty_bin_has_no_weight() -> None:
+    (batch,) = passed(torch.zeros(8, dtype=torch.int64), 2, 100)
+    assert batch.weight[1].tolist() == [0.0] * 4
+    assert float(batch.weight[0].sum()) == pytest.approx(1.0)
+
+
+def test_the_order_is_random_and_follows_the_generator_alone() -> None:
+    bins = torch.arange(40) % 2
+    first, again, other = (torch.cat([batch.rows for batch in passed(bins, 2, 8, seed)], 1) for seed in (0, 0, 1))
+    assert torch.equal(first, again)
+    assert not torch.equal(first, other)
+    assert first[0].tolist() != sorted(first[0].tolist())

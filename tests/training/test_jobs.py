@@ -1,0 +1,104 @@
+import multiprocessing
+import os
+import signal
+from collections.abc import Iterator
+from functools import partial
+
+import pytest
+from learning import ENSEMBLE, car_samples
+
+from addressed_dynamics.errors import TrainingError
+from addressed_dynamics.models.stacked import StackedMLP
+from addressed_dynamics.training.ensemble import train_ensemble
+from addressed_dynamics.training.epochs import Epoch
+from addressed_dynamics.training.jobs import run_jobs
+
+NOTHING = StackedMLP(1, (1, 1), "relu")
+
+
+def ensemble_job(seed: int) -> Iterator[Epoch]:
+    _, train, validation = car_samples()
+    return train_ensemble(train, validation, ENSEMBLE, seed=seed, loss_unit=1.0)
+
+
+def endless_job(seed: int) -> Iterator[Epoch]:
+    index = 0
+    while True:
+        index += 1
+        yield Epoch(index, False, index, {"process": os.getpid(), "seed": seed}, NOTHING)
+
+
+def failing_job() -> Iterator[Epoch]:
+    yield Epoch(1, False, 1, {}, NOTHING)
+    message = "the training loss is not finite any more"
+    raise TrainingError(message)
+
+
+def killed_job() -> Iterator[Epoch]:
+    yield Epoch(1, False, 1, {}, NOTHING)
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def deaf_job() -> Iterator[Epoch]:
+    """Send this process Ctrl-C, as a terminal does to all, and say whether it still runs."""
+    os.kill(os.getpid(), signal.SIGINT)
+    yield Epoch(1, True, 1, {"alive": 1.0}, NOTHING)
+
+
+def weights(epoch: Epoch) -> bytes:
+    return b"".join(parameter.detach().numpy().tobytes() for parameter in epoch.network.parameters())
+
+
+@pytest.mark.slow
+def test_jobs_side_by_side_give_what_they_give_one_after_the_other() -> None:
+    jobs = {f"seed-{seed}": partial(ensemble_job, seed) for seed in (0, 1)}
+    serial = list(run_jobs(jobs, processes=1))
+    parallel = list(run_jobs(jobs, processes=2))
+    for name in jobs:
+        epochs = [[epoch for found, epoch in run if found == name] for run in (serial, parallel)]
+        shown = [[(epoch.index, epoch.last, epoch.updates, epoch.metrics) for epoch in run] for run in epochs]
+        assert shown[0] == shown[1]
+        assert weights(epochs[0][-1]) == weights(epochs[1][-1])
+    assert multiprocessing.active_children() == []
+
+
+@pytest.mark.slow
+def test_the_error_of_a_job_comes_through_and_ends_the_others() -> None:
+    jobs = {"endless": partial(endless_job, 0), "failing": failing_job}
+    with pytest.raises(TrainingError, match="not finite any more"):
+        for _ in run_jobs(jobs, processes=2):
+            pass
+    assert multiprocessing.active_children() == []
+
+
+@pytest.mark.slow
+def test_a_worker_that_is_killed_is_one_clear_error_and_ends_the_others() -> None:
+    jobs = {"endless": partial(endless_job, 0), "killed": killed_job}
+    with pytest.raises(TrainingError, match="the process that trained 'killed' died"):
+        for _ in run_jobs(jobs, processes=2):
+            pass
+    assert multiprocessing.active_children() == []
+
+
+@pytest.mark.slow
+def test_leaving_the_loop_ends_the_workers_and_waiting_jobs_never_begin() -> None:
+    jobs = {f"seed-{seed}": partial(endless_job, seed) for seed in range(3)}
+    stream, seen = run_jobs(jobs, processes=2), dict[str, float]()
+    for name, epoch in stream:
+        seen[name] = epoch.metrics["process"]
+        if len(seen) == 2:
+            break
+    stream.close()  # type: ignore[attr-defined] # a generator
+    assert set(seen) == {"seed-0", "seed-1"}
+    assert multiprocessing.active_children() == []
+
+
+@pytest.mark.slow
+def test_workers_do_not_hear_ctrl_c() -> None:
+    results = {name: epoch.metrics for name, epoch in run_jobs({"a": deaf_job, "b": deaf_job}, processes=2)}
+    assert results == {"a": {"alive": 1.0}, "b": {"alive": 1.0}}
+
+
+def test_the_error_of_a_job_comes_through_without_processes_too() -> None:
+    with pytest.raises(TrainingError, match="not finite any more"):
+        list(run_jobs({"failing": failing_job}, processes=4))
