@@ -10,13 +10,21 @@ from addressed_dynamics.params import load_params
 from addressed_dynamics.tracking import Run
 from addressed_dynamics.training.addressing import train_addressing
 from addressed_dynamics.training.baselines import ABLATIONS, baseline_params
-from addressed_dynamics.training.checkpoints import Checkpoint
 from addressed_dynamics.training.ensemble import evaluate_profiles, train_ensemble
 from addressed_dynamics.training.epochs import Epoch
 from addressed_dynamics.training.losses import reported_loss
 from addressed_dynamics.training.runtime import prepare_torch
 from pipeline.common import checkpoints_dir, models_dir, reports_dir, run_stage
-from pipeline.training import Stage, TrackedJob, load_training_data, parameters_of, train_tracked, write_curves
+from pipeline.training import (
+    Stage,
+    TrackedJob,
+    load_training_data,
+    parameters_of,
+    remove_checkpoints,
+    resumable,
+    train_tracked,
+    write_curves,
+)
 
 
 def main(experiment: str, params_file: Path) -> None:
@@ -29,18 +37,13 @@ def main(experiment: str, params_file: Path) -> None:
     keys = {f"{name}/seed-{seed}": (name, seed) for seed in params.seeds for name in params.train}
     loss = reported_loss(sections.ensemble.loss)
     unit = data.features.loss_unit(loss)
-    checkpoints = dict[str, Checkpoint]()
+    checkpoints = checkpoints_dir(experiment)
     jobs = dict[str, TrackedJob]()
     for key, (name, seed) in keys.items():
-        recipe = {
-            "features": sections.features.model_dump(mode="json"),
-            "recipe": recipes[name].model_dump(mode="json"),
-        }
-        identity = {"stage": "baselines", "baseline": name, "seed": seed, **recipe}
-        checkpoints[key] = Checkpoint.of(checkpoints_dir(experiment), **identity, **data.identity)
-        job = partial(train_ensemble, data.train, data.validation, recipes[name], seed=seed, loss_unit=unit,
-                      binning=ABLATIONS.get(name, "equal"), checkpoint=checkpoints[key])  # fmt: skip
-        jobs[key] = TrackedJob(job, f"{experiment} baseline {name} seed={seed}", identity)
+        training = partial(train_ensemble, data.train, data.validation, recipes[name], seed=seed, loss_unit=unit,
+                           binning=ABLATIONS.get(name, "equal"))  # fmt: skip
+        recipe = {"baseline": name, "seed": seed, "recipe": recipes[name].model_dump(mode="json")}
+        jobs[key] = resumable(training, f"{experiment} baseline {name} seed={seed}", recipe, checkpoints, *data.tensors)
     results, ablated = dict[str, dict[str, float]](), dict[str, StackedMLP]()
     stage = Stage("train_baselines", experiment, params_file, params.processes)
     with atomic_path(models_dir(experiment) / "baselines") as folder:
@@ -64,16 +67,19 @@ def main(experiment: str, params_file: Path) -> None:
             on_train, on_validation = (
                 evaluate_profiles(network, part, loss) * unit for part in (data.train, data.validation)
             )
-            job = partial(train_addressing, data.train, on_train, data.validation, on_validation, params.addressing,
-                          seed=seed, variant="plain")  # fmt: skip
-            identity = {"baseline": name, "seed": seed, "recipe": params.addressing.model_dump(mode="json")}
-            addressing_jobs[key] = TrackedJob(job, f"{experiment} baseline {name} addressing seed={seed}", identity)
+            training = partial(train_addressing, data.train, on_train, data.validation, on_validation,
+                               params.addressing, seed=seed, variant="plain")  # fmt: skip
+            recipe = {"baseline": name, "seed": seed, "recipe": params.addressing.model_dump(mode="json")}
+            title = f"{experiment} baseline {name} addressing seed={seed}"
+            addressing_jobs[key] = resumable(
+                training, title, recipe, checkpoints, *data.tensors, on_train, on_validation
+            )
         train_tracked(stage, addressing_jobs, finish_addressing)
         write_json(folder / "baselines.json", {"format": 1, "trained": list(jobs)})
     write_json(reports_dir(experiment) / "baselines.json", {key: results[key] for key in jobs})
     write_curves(reports_dir(experiment) / "baselines.csv", rows)
-    for checkpoint in checkpoints.values():
-        checkpoint.remove()
+    remove_checkpoints(jobs)
+    remove_checkpoints(addressing_jobs)
 
 
 if __name__ == "__main__":

@@ -1,19 +1,23 @@
 """What the three training stages share: their data, and trainings that are tracked in MLflow while they run."""
 
 import csv
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from torch import Tensor
+
 from addressed_dynamics import tracking
-from addressed_dynamics.features.samples import Samples
+from addressed_dynamics.features.samples import Samples, fingerprint
 from addressed_dynamics.features.spec import FeatureSpec, fit_features
 from addressed_dynamics.files import atomic_path
 from addressed_dynamics.models.stacked import StackedMLP
 from addressed_dynamics.params import FeatureParams
 from addressed_dynamics.tables import load_transitions
+from addressed_dynamics.training.checkpoints import Checkpoint
 from addressed_dynamics.training.epochs import Epoch
 from addressed_dynamics.training.jobs import Job, run_jobs
 from pipeline.common import progress, tables_dir
@@ -31,9 +35,9 @@ class TrainingData:
     """Samples to choose by."""
 
     @property
-    def identity(self) -> dict[str, Any]:
-        """What tells these data from others, for checkpoints."""
-        return {"train": self.train.fingerprint(), "validation": self.validation.fingerprint()}
+    def tensors(self) -> tuple[Tensor, ...]:
+        """Everything a training may see."""
+        return self.train.x, self.train.y, self.validation.x, self.validation.y
 
 
 def load_training_data(experiment: str, features: FeatureParams | FeatureSpec) -> TrainingData:
@@ -53,7 +57,17 @@ class TrackedJob:
     title: str
     """Name of its run."""
     params: Mapping[str, Any]
-    """What it depends on."""
+    """What it depends on, but for the data."""
+    checkpoint: Checkpoint
+    """Where it keeps its state while it runs."""
+
+
+def resumable(
+    training: Callable[..., Iterator[Epoch]], title: str, params: Mapping[str, Any], folder: Path, *tensors: Tensor
+) -> TrackedJob:
+    """Return `training` with a checkpoint in `folder` that belongs to its title, its params and these data alone."""
+    checkpoint = Checkpoint.of(folder, title=title, params=params, data=fingerprint(*tensors))
+    return TrackedJob(partial(training, checkpoint=checkpoint), title, params, checkpoint)
 
 
 @dataclass(frozen=True)
@@ -101,6 +115,12 @@ def train_tracked(
             if epoch.last:
                 finish(name, epoch, runs[name])
     return rows
+
+
+def remove_checkpoints(jobs: Mapping[str, TrackedJob]) -> None:
+    """Delete what the trainings kept; call it when all that a stage writes is in its place."""
+    for job in jobs.values():
+        job.checkpoint.remove()
 
 
 def write_curves(path: Path, rows: list[dict[str, Any]]) -> None:

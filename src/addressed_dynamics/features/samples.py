@@ -37,8 +37,13 @@ class Samples:
 
     def fingerprint(self) -> str:
         """Return a hash of the inputs and targets, to tell whether a checkpoint belongs to them."""
-        digest = hashlib.blake2b(digest_size=16)
-        for tensor in (self.x, self.y):
-            digest.update(str(tuple(tensor.shape)).encode())
-            digest.update(tensor.contiguous().numpy().data)
-        return digest.hexdigest()
+        return fingerprint(self.x, self.y)
+
+
+def fingerprint(*tensors: Tensor) -> str:
+    """Return a hash of the shapes and values of `tensors`."""
+    digest = hashlib.blake2b(digest_size=16)
+    for tensor in tensors:
+        digest.update(str(tuple(tensor.shape)).encode())
+        digest.update(tensor.contiguous().numpy().data)
+    return digest.hexdigest()
