@@ -63,13 +63,13 @@ ui: $(VENV)/installed
 	$(BIN)/addressed-dynamics ui
 
 bench: $(VENV)/installed
-	@set -e; for script in benchmarks/*.py; do echo "== $$script"; $(BIN)/python "$$script"; done
+	@set -e; for script in $$(grep -l "def main" benchmarks/*.py); do echo "== $$script"; $(BIN)/python "$$script"; done
 
 deps: $(VENV)/installed
 	$(BIN)/python tests/stage_dependencies.py
 
 clean:
 	rm -rf $(VENV) build .checkpoints .mlflow .dvc/cache .dvc/tmp data/raw data/tables data/models data/evaluation
-	rm -f data/reports/*/report.html data/reports/*/report.md
+	rm -rf data/reports/*/report.html data/reports/*/report.md data/reports/*/figures
 	rm -rf .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache src/*.egg-info
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -26,11 +26,6 @@ def main(experiment: str, params_file: Path) -> None:
     delivered, folder = results.evaluation.delivered, models_dir(experiment)
     ensemble = load_network(folder / "ensemble" / f"seed-{delivered.seed}")
     addressing = load_network(folder / "addressing" / f"seed-{delivered.seed}" / delivered.variant)
-    references = [
-        reference
-        for file in sorted(folder.glob(f"*/**/{tracking.RUN_FILE}"))
-        if (reference := tracking.read_run_id(file.parent)) is not None
-    ]
     origin = Origin(
         title=title,
         params_file=params_file.as_posix(),
@@ -40,7 +35,7 @@ def main(experiment: str, params_file: Path) -> None:
         ensemble=EnsembleParams.model_validate(ensemble.notes["params"]["ensemble"], strict=False),
         addressing=AddressingParams.model_validate(addressing.notes["params"], strict=False),
         spaces=ensemble.features.spaces,
-        runs={reference.name: tracking.run_link(reference) for reference in references},
+        runs=tracking.run_links(folder),
     )
     paper = PAPER.get(experiment)
     report = build_report(results, origin, paper)

@@ -90,9 +90,9 @@ def train_tracked(
     """Run the trainings, log every epoch, and call `finish(name, last epoch, run)` when one ends.
 
     Returns:
-        One row for each training and epoch: `training`, `epoch` and the metrics.
+        One row for each training and epoch, in their order: `training`, `epoch` and the metrics.
     """
-    rows: list[dict[str, Any]] = []
+    rows: dict[str, list[dict[str, Any]]] = {name: [] for name in jobs}
     with ExitStack() as stack:
         runs = dict[str, tracking.Run]()
         bar = stack.enter_context(progress(stage.name, "epoch"))
@@ -109,12 +109,12 @@ def train_tracked(
                 )
                 runs[name].log_dataset(stage.experiment, tables_dir(stage.experiment))
             runs[name].log(epoch.metrics, step=epoch.index)
-            rows.append({"training": name, "epoch": epoch.index, **epoch.metrics})
+            rows[name].append({"training": name, "epoch": epoch.index, **epoch.metrics})
             bar.update()
             bar.set_postfix_str(f"{name} {epoch.metrics['loss/train']:.2e}", refresh=False)
             if epoch.last:
                 finish(name, epoch, runs[name])
-    return rows
+    return [row for name in jobs for row in rows[name]]
 
 
 def remove_checkpoints(jobs: Mapping[str, TrackedJob]) -> None:

@@ -20,13 +20,13 @@ ARM = SpaceSpec(
 )
 """A world with an unbounded dimension and continuous actions."""
 
-OPTIMISER = OptimiserParams(learning_rate=3e-3, betas=(0.9, 0.99), final_share=0.1)
+OPTIMISER = OptimiserParams(learning_rate=1e-2, betas=(0.9, 0.99), final_share=0.1)
 ENSEMBLE = EnsembleParams(
-    seeds=(0,), members=2, hidden=(16, 16), activation="relu", loss="mse", optimiser=OPTIMISER, batch_size=16, epochs=6,
+    seeds=(0,), members=2, hidden=(16, 16), activation="relu", loss="mse", optimiser=OPTIMISER, batch_size=8, epochs=6,
     cluster_epochs=4, processes=1,
 )  # fmt: skip
 ADDRESSING = AddressingTraining(
-    hidden=(16,), activation="relu", optimiser=OPTIMISER, batch_size=16, epochs=5, tie_share=0.5
+    hidden=(16,), activation="relu", optimiser=OPTIMISER, batch_size=8, epochs=5, tie_share=0.5
 )
 
 
@@ -58,9 +58,9 @@ def swing(lengths: Sequence[int] = (30, 20), seed: int = 0) -> Transitions:
 
 def car_samples() -> tuple[FeatureSpec, Samples, Samples]:
     """Features of the car, and its samples to train on and to validate with."""
-    train = drive()
+    train = drive((20,) * 10)
     features = fit_features(train, "change")
-    return features, features.samples(train), features.samples(drive((30, 25), seed=1))
+    return features, features.samples(train), features.samples(drive((15,) * 4, seed=1))
 
 
 def untrained_model(world: Transitions, members: int = 3, *, seed: int = 0, target: str = "change") -> AddressedDynamics:

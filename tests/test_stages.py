@@ -31,7 +31,8 @@ def stage(name: str, folder: Path, *, stderr: int = subprocess.PIPE, **sections:
 
 
 def finished(process: subprocess.Popen[str]) -> tuple[int, str]:
-    _, stderr = process.communicate(timeout=120)
+    with process:
+        _, stderr = process.communicate()
     return process.returncode, stderr
 
 

@@ -229,6 +229,18 @@ def test_without_a_usable_dvc_lock_there_is_no_digest(project: Path, lock: str |
     assert tracking.data_digest(project / "data" / "tables" / "mountaincar") is None
 
 
+def test_the_runs_that_made_a_model_folder_are_found_by_their_names(tmp_path: Path) -> None:
+    for name in ("b", "a"):
+        (tmp_path / name / "seed-0").mkdir(parents=True)
+        text = json.dumps({"run_id": f"id-{name}", "experiment_id": "7", "name": name})
+        (tmp_path / name / "seed-0" / tracking.RUN_FILE).write_text(text)
+    (tmp_path / "damaged").mkdir()
+    (tmp_path / "damaged" / tracking.RUN_FILE).write_text("{")
+    links = tracking.run_links(tmp_path)
+    assert list(links) == ["a", "b"]
+    assert links["a"] == tracking.run_link(tracking.RunReference("id-a", "7", "a"))
+
+
 def test_a_password_of_the_server_does_not_get_into_links(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MLFLOW_TRACKING_URI", "https://user:secret@runs.example:8443/mlflow/")
     link = tracking.run_link(tracking.RunReference("r", "7", "n"))

@@ -270,6 +270,12 @@ def run_link(reference: RunReference) -> str:
     return f"{_ui_base()}/#/experiments/{reference.experiment_id}/runs/{reference.run_id}{_WORKFLOW}"
 
 
+def run_links(folder: Path) -> dict[str, str]:
+    """Return the page of every run that made something in `folder`, by the run's name."""
+    references = (read_run_id(file.parent) for file in sorted(folder.rglob(RUN_FILE)))
+    return {reference.name: run_link(reference) for reference in references if reference is not None}
+
+
 def experiment_link(experiment_id: str) -> str:
     """Return the address of an experiment's runs table with the columns of the saved view."""
     return f"{_ui_base()}/#/experiments/{experiment_id}/runs{_WORKFLOW}&viewStateShareKey={_VIEW}"

@@ -10,7 +10,7 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int, Int32, Int64
+from jaxtyping import Bool, Float32, Int, Int32, Int64
 
 from addressed_dynamics.errors import TransitionsError
 
@@ -253,6 +253,3 @@ def _dimension_from_json(value: Any) -> Dimension:
         high=np.inf if high is None else float(high),
     )
 
-
-FloatArray = Float[np.ndarray, "..."]
-"""A NumPy array of floating-point numbers of any shape."""

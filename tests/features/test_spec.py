@@ -60,7 +60,7 @@ def one_step_episodes(spec: SpaceSpec, before: np.ndarray, action: np.ndarray, a
     )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(spaces_and_states(), st.sampled_from(TARGETS))
 def test_decoding_an_encoded_target_gives_the_next_state(
     case: tuple[SpaceSpec, np.ndarray, np.ndarray, np.ndarray], target: Target
@@ -74,7 +74,7 @@ def test_decoding_an_encoded_target_gives_the_next_state(
     assert float(error.max()) <= 1e-5 * largest
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(spaces_and_states())
 def test_inputs_of_the_training_data_have_mean_0_and_deviation_1_unless_they_are_constant(
     case: tuple[SpaceSpec, np.ndarray, np.ndarray, np.ndarray],
@@ -86,7 +86,7 @@ def test_inputs_of_the_training_data_have_mean_0_and_deviation_1_unless_they_are
     torch.testing.assert_close(x.std(dim=0, correction=0)[~constant], torch.ones(int((~constant).sum())).double())
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(spaces_and_states(), st.sampled_from(TARGETS))
 def test_a_spec_survives_json(case: tuple[SpaceSpec, np.ndarray, np.ndarray, np.ndarray], target: Target) -> None:
     features = fit_features(one_step_episodes(*case), target)

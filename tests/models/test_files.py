@@ -79,7 +79,7 @@ def test_a_truncated_file_is_refused(folder: Path, name: str, share: float) -> N
     assert refusal(folder).startswith(f"{folder / name}: damaged")
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.data())
 def test_a_changed_byte_in_the_header_of_the_weights_is_refused_or_harmless(
     tmp_path_factory: pytest.TempPathFactory, data: st.DataObject

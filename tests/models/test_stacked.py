@@ -34,7 +34,7 @@ def test_members_can_have_inputs_of_their_own() -> None:
     torch.testing.assert_close(stack(x)[1], stack(x[1])[1])
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.lists(st.integers(0, 2), max_size=12))
 def test_routing_gives_each_sample_the_output_of_its_own_member(member: list[int]) -> None:
     stack, x = make_stack(), torch.randn(len(member), 5)

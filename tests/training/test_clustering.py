@@ -2,7 +2,7 @@ import random
 
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from addressed_dynamics.errors import TrainingError
@@ -37,26 +37,22 @@ def profiles(levels: int | None = None) -> st.SearchStrategy[torch.Tensor]:
     return st.tuples(st.integers(0, 40), st.integers(1, 7), st.integers(0, 2**31)).map(draw)
 
 
-@settings(deadline=None)
 @given(profiles())
 def test_it_equals_the_naive_loop(losses: torch.Tensor) -> None:
     assert assign_to_bins(losses).tolist() == assign_one_by_one(losses)
 
 
-@settings(deadline=None)
 @given(profiles(levels=3))
 def test_it_equals_the_naive_loop_when_losses_and_norms_tie(losses: torch.Tensor) -> None:
     assert assign_to_bins(losses).tolist() == assign_one_by_one(losses)
 
 
-@settings(deadline=None)
 @given(profiles())
 def test_it_equals_the_naive_loop_when_all_prefer_the_members_in_one_order(losses: torch.Tensor) -> None:
     losses = losses + torch.arange(losses.shape[1])
     assert assign_to_bins(losses).tolist() == assign_one_by_one(losses)
 
 
-@settings(deadline=None)
 @given(profiles())
 def test_bins_differ_by_at_most_one_and_no_sample_is_dropped(losses: torch.Tensor) -> None:
     counts = torch.bincount(assign_to_bins(losses), minlength=losses.shape[1])
@@ -64,7 +60,6 @@ def test_bins_differ_by_at_most_one_and_no_sample_is_dropped(losses: torch.Tenso
     assert counts.max() - counts.min() <= 1
 
 
-@settings(deadline=None)
 @given(profiles(), st.integers(0, 1000))
 def test_relabelling_members_changes_nothing_but_the_labels(losses: torch.Tensor, seed: int) -> None:
     samples, members = losses.shape

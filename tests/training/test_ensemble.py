@@ -45,7 +45,7 @@ def first_rows(samples: Samples, rows: int) -> Samples:
 def test_training_lowers_the_loss_on_validation_episodes(binning: Binning, loss: str) -> None:
     params = ENSEMBLE.model_copy(update={"loss": loss, "epochs": 15})
     first, *_, last = train(params, binning=binning)
-    assert last.metrics["loss/validation"] < 0.8 * first.metrics["loss/validation"]
+    assert last.metrics["loss/validation"] < 0.9 * first.metrics["loss/validation"]
     assert last.metrics["loss/train"] < 0.8 * first.metrics["loss/train"]
 
 
@@ -116,7 +116,7 @@ def test_epochs_are_numbered_and_count_their_updates() -> None:
     epochs = list(train())
     assert [epoch.index for epoch in epochs] == [1, 2, 3, 4, 5, 6]
     assert [epoch.last for epoch in epochs] == [False] * 5 + [True]
-    per_epoch = -(-(-(-len(TRAIN) // 2)) // 16)
+    per_epoch = -(-(-(-len(TRAIN) // 2)) // 8)
     assert [epoch.updates for epoch in epochs] == [per_epoch * epoch.index for epoch in epochs]
 
 
@@ -152,7 +152,7 @@ def test_profiles_equal_the_losses_of_every_member_on_its_own() -> None:
         torch.testing.assert_close(profiles, each.mean(dim=2).T)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.integers(1, 40), st.integers(1, 5), st.integers(0, 1000))
 def test_specialisation_equals_a_loop_over_the_samples(samples: int, members: int, seed: int) -> None:
     profiles = torch.rand(samples, members, generator=torch.Generator().manual_seed(seed))
@@ -167,9 +167,9 @@ def test_specialisation_equals_a_loop_over_the_samples(samples: int, members: in
 
 
 def test_too_few_samples_are_refused() -> None:
-    with pytest.raises(TrainingError, match="at least 2 training samples and one for validation, but has 1 and 55"):
+    with pytest.raises(TrainingError, match="at least 2 training samples and one for validation, but has 1 and 60"):
         next(train_ensemble(first_rows(TRAIN, 1), VALIDATION, ENSEMBLE, seed=0, loss_unit=UNIT))
-    with pytest.raises(TrainingError, match="has 150 and 0"):
+    with pytest.raises(TrainingError, match="has 200 and 0"):
         next(train_ensemble(TRAIN, first_rows(VALIDATION, 0), ENSEMBLE, seed=0, loss_unit=UNIT))
 
 

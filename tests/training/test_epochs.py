@@ -2,7 +2,7 @@ import math
 
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from addressed_dynamics.training.epochs import Batch, batches, updates_per_epoch
@@ -29,7 +29,6 @@ any_bins = st.integers(1, 6).flatmap(
 )
 
 
-@settings(deadline=None)
 @given(equal_bins(), st.integers(1, 20))
 def test_equal_bins_give_each_sample_once_to_its_own_member(case: tuple[torch.Tensor, int], batch_size: int) -> None:
     bins, members = case
@@ -42,7 +41,6 @@ def test_equal_bins_give_each_sample_once_to_its_own_member(case: tuple[torch.Te
     assert sorted(seen) == list(range(len(bins)))
 
 
-@settings(deadline=None)
 @given(any_bins, st.integers(1, 20))
 def test_weights_of_a_member_are_equal_and_add_to_1_in_every_batch_in_which_it_has_samples(
     case: tuple[torch.Tensor, int], batch_size: int
@@ -59,7 +57,6 @@ def test_weights_of_a_member_are_equal_and_add_to_1_in_every_batch_in_which_it_h
                 assert sizes[member] == 0 or batch.rows.shape[1] == 1  # only the row that fills up a short bin
 
 
-@settings(deadline=None)
 @given(any_bins, st.integers(1, 20))
 def test_every_binning_costs_the_same_number_of_batches(case: tuple[torch.Tensor, int], batch_size: int) -> None:
     bins, members = case
@@ -69,7 +66,6 @@ def test_every_binning_costs_the_same_number_of_batches(case: tuple[torch.Tensor
     assert all(batch.rows.shape[1] == batch_size for batch in made[:-1])
 
 
-@settings(deadline=None)
 @given(any_bins, st.integers(1, 20))
 def test_a_member_never_gets_a_sample_of_another(case: tuple[torch.Tensor, int], batch_size: int) -> None:
     bins, members = case

@@ -13,7 +13,8 @@ from addressed_dynamics.reporting.figures import comparison, curves, episodes, m
 from addressed_dynamics.reporting.numbers import listed, percent, scientific
 from addressed_dynamics.reporting.paper import CITATION, PaperFigures
 from addressed_dynamics.reporting.results import Results
-from addressed_dynamics.reporting.verdict import findings, judge_targets, verdict
+from addressed_dynamics.reporting.targets import judge_targets
+from addressed_dynamics.reporting.verdict import findings, verdict
 from addressed_dynamics.training.epochs import updates_per_epoch
 from addressed_dynamics.transitions import SpaceSpec
 
@@ -59,7 +60,7 @@ def build_report(results: Results, origin: Origin, paper: PaperFigures | None) -
         Section("Addressing", _addressing_blocks(results, origin)),
         Section("One step ahead", _one_step_blocks(results, origin)),
         Section("Rollouts", _rollout_blocks(results, origin, paper)),
-        Section("Seeds", (tables.seed_table(evaluation),)),
+        Section("Seeds", (tables.seed_table(evaluation, results.addressing.delivered),)),
         Section("Training", _training_blocks(results)),
         Section("Runs", (Links("Runs in MLflow that made these models", origin.runs),) if origin.runs else ()),
         Section("Source", (Text((CITATION,)),)),
@@ -105,8 +106,8 @@ def _run_blocks(results: Results, origin: Origin) -> tuple[Block, ...]:
         "Params": origin.params_file,
         "Subnetworks": f"{ensemble.members} with hidden layers {widths}, {ensemble.activation}; they predict {target}",
         "Phase 1": (
-            f"{ensemble.epochs} epochs, bins by Algorithm 1 {bins}; loss {ensemble.loss}, "
-            f"{ensemble.batch_size} samples per network and update, {_optimiser(ensemble.optimiser.model_dump())}"
+            f"{ensemble.epochs} epochs, bins by Algorithm 1 {bins}; loss {ensemble.loss}, {ensemble.batch_size} "
+            f"samples per network and update, {_optimiser(ensemble.optimiser.model_dump())}"
         ),
         "Addressing": f"hidden layers {' × '.join(map(str, addressing.hidden))}, {addressing.activation}",
         "Phase 2": (
@@ -136,8 +137,8 @@ def _data_blocks(results: Results) -> tuple[Block, ...]:
     learners = [name for name, segment in data.segments.items() if segment.behaviour == "dqn"]
     sentences = [
         f"{data.transitions:,} transitions were recorded. In a grid of {coverage.cells_per_dimension} cells per "
-        f"dimension they visit {cells}{plane}. {percent(data.duplicates.share)} of them repeat an earlier state "
-        "and action."
+        f"dimension they visit {cells}{plane}. {percent(data.duplicates.share)} of them repeat an earlier state and "
+        "action."
     ]
     for name in learners:
         share = data.segments[name].goal_share_last_100

@@ -17,14 +17,14 @@ from addressed_dynamics.reporting.numbers import (
     significant,
 )
 from addressed_dynamics.reporting.paper import PaperFigures
-from addressed_dynamics.reporting.results import (
+from addressed_dynamics.reporting.records import (
     AddressingResult,
     DataResult,
     Evaluation,
     MemberResult,
     RolloutGroup,
 )
-from addressed_dynamics.reporting.verdict import Target
+from addressed_dynamics.reporting.targets import Target
 
 
 def target_table(targets: Sequence[Target]) -> Table:
@@ -38,9 +38,9 @@ def target_table(targets: Sequence[Target]) -> Table:
         Column("", numeric=False),
     )
     return Table(
-        "What the paper reports, as targets for the delivered model on held-out episodes. The paper gives one rollout "
-        "figure for each dimension; that of the velocity is held against rollouts without wall contact, because a "
-        "contact one step late costs more than a whole rollout without one.",
+        "What the paper reports, as targets for the delivered model on held-out episodes. The paper gives one "
+        "rollout figure for each dimension; that of the velocity is held against rollouts without wall contact, "
+        "because a contact one step late costs more than a whole rollout without one.",
         columns,
         tuple(rows),
     )
@@ -73,10 +73,10 @@ def paper_table(evaluation: Evaluation, paper: PaperFigures | None) -> Table:
     caption = (
         f"Table 1 of the paper, and the same for the delivered model (seed {evaluation.delivered.seed}, "
         f"{evaluation.delivered.variant.replace('_', '-')} addressing) on {evaluation.table.samples:,} transitions of "
-        f"{evaluation.test.episodes:,} held-out episodes: {evaluation.loss.upper()} of states scaled to [0, 1] of each "
-        "network on the points for which the addressing network selects it, and on the others; and the points for "
-        "which it is selected although another network is better, per thousand of all points. The numbering "
-        "is arbitrary."
+        f"{evaluation.test.episodes:,} held-out episodes: {evaluation.loss.upper()} of states scaled to [0, 1] of "
+        "each network on the points for which the addressing network selects it, and on the others; and the points "
+        "for which it is selected although another network is better, per thousand of all points. The numbering is "
+        "arbitrary."
     )
     return Table(caption, columns, tuple(rows))
 
@@ -179,10 +179,9 @@ def rollout_table(evaluation: Evaluation, paper: PaperFigures | None) -> Table:
         left = candidate.rollouts.left_bounds_share
         rows.append(Row((candidate.label, *cells, "0" if left == 0 else percent(left)), _kind(name)))
     caption = (
-        f"Free-running rollouts{_group_sizes(evaluation)}: mean squared error of a whole rollout in the "
-        "environment's "
-        "units, median over rollouts; and the share of rollouts in which a predicted state leaves the bounds by more than "
-        f"{percent(LEFT_BOUNDS_TOLERANCE, 0)} of their range."
+        f"Free-running rollouts{_group_sizes(evaluation)}: mean squared error of a whole rollout in the environment's "
+        "units, median over rollouts; and the share of rollouts in which a predicted state leaves the bounds by more "
+        f"than {percent(LEFT_BOUNDS_TOLERANCE, 0)} of their range."
     )
     return Table(caption, tuple(columns), tuple(rows))
 
@@ -204,7 +203,7 @@ def _group_sizes(evaluation: Evaluation) -> str:
     return f" ({rollouts.all.episodes:,} in all, {free:,} without and {wall:,} with wall contact)"
 
 
-def seed_table(evaluation: Evaluation) -> Table:
+def seed_table(evaluation: Evaluation, delivered: Mapping[str, str]) -> Table:
     """Return the spread over seeds of the ensembles, with the delivered addressing of each."""
     candidates = evaluation.own_seeds
     names = list(evaluation.own.rollouts.all.mse) if evaluation.own.rollouts else []
@@ -218,13 +217,16 @@ def seed_table(evaluation: Evaluation) -> Table:
     )
     rows = []
     for seed, candidate in zip(evaluation.seeds, candidates, strict=True):
-        best = min(evaluation.seeds[seed].values(), key=lambda table: table.regret.mean)
-        table = evaluation.table if seed == str(evaluation.delivered.seed) else best
+        table = evaluation.seeds[seed][delivered[seed]]
         cells = [seed, scientific(candidate.one_step.scaled.mean), scientific(candidate.one_step.scaled.median)]
         cells += [_median(candidate.rollouts.all, name) if candidate.rollouts else MISSING for name in names]
         cells += [percent(table.agreement), significant(table.misclassified_per_thousand)]
         rows.append(Row(tuple(cells), "own" if seed == str(evaluation.delivered.seed) else ""))
-    return Table("Spread over seeds: one ensemble with its addressing network from each.", columns, tuple(rows))
+    return Table(
+        "Spread over seeds: from each, one ensemble and the addressing network chosen for it on validation episodes.",
+        columns,
+        tuple(rows),
+    )
 
 
 def segment_table(data: DataResult) -> Table:
@@ -246,8 +248,8 @@ def segment_table(data: DataResult) -> Table:
         [f"{each.episodes:,} ({each.transitions:,} transitions) for {name}" for name, each in data.splits.items()]
     )
     caption = (
-        f"What was recorded. Episodes are kept whole when the data is split: {splits}. The share that reaches the goal "
-        "is 0 by design in segments whose environment does not end at the goal."
+        f"What was recorded. Episodes are kept whole when the data is split: {splits}. The share that reaches the "
+        "goal is 0 by design in segments whose environment does not end at the goal."
     )
     return Table(caption, columns, tuple(rows))
 

@@ -7,28 +7,14 @@ from dataclasses import dataclass
 from statistics import median
 from typing import Literal
 
-from addressed_dynamics.reporting.numbers import as_printed, in_words, listed, percent, scientific, significant, times
-from addressed_dynamics.reporting.paper import PaperFigures
-from addressed_dynamics.reporting.results import AddressingResult, CandidateResult, Evaluation, MemberResult
+from addressed_dynamics.reporting.numbers import in_words, listed, percent, scientific, significant, times
+from addressed_dynamics.reporting.records import AddressingResult, CandidateResult, Evaluation
+from addressed_dynamics.reporting.targets import Target, separation
 
 MARGIN = 1.1
 """One error counts as lower than another if it is so by more than this factor, from every seed."""
 
 Relation = Literal["lower", "higher", "unclear"]
-
-
-@dataclass(frozen=True)
-class Target:
-    """Something to be reached, and what was."""
-
-    name: str
-    """What is measured."""
-    wanted: str
-    """Bound with its origin."""
-    found: str
-    """What was measured."""
-    met: bool | None
-    """Whether it was reached; None if it could not be measured."""
 
 
 @dataclass(frozen=True)
@@ -45,60 +31,7 @@ class Comparison:
     """Whether ours is lower."""
 
     def __str__(self) -> str:
-        word = {"lower": "lower", "higher": "higher", "unclear": "no clear difference"}[self.relation]
-        return f"{self.quantity} {scientific(self.own)} against {scientific(self.other)} ({word})"
-
-
-def judge_targets(evaluation: Evaluation, paper: PaperFigures) -> tuple[Target, ...]:
-    """Hold the delivered model against what the paper reports."""
-    table = evaluation.table
-    selected = [member.selected for member in table.members if member.selected is not None]
-    ratios = [ratio for member in table.members if (ratio := separation(member)) is not None]
-    complete = len(selected) == len(table.members)
-    worst, smallest = max(selected, default=None), min(ratios, default=None)
-    targets = [
-        Target(
-            "Selected MSE of the worst subnetwork, one step ahead",
-            f"at most {scientific(paper.selected_at_most)}, the paper's worst",
-            scientific(worst) if complete else f"{scientific(worst)}; a subnetwork is never selected",
-            worst is not None and worst <= paper.selected_at_most and complete,
-        ),
-        Target(
-            "Not-selected over selected MSE, smallest of the subnetworks",
-            f"at least {as_printed(paper.separation_at_least)} (the paper: {_paper_separation(paper)})",
-            "not to be measured" if smallest is None or not complete else significant(smallest),
-            smallest >= paper.separation_at_least if smallest is not None and complete else None,
-        ),
-        Target(
-            "Misclassified points per thousand, all subnetworks",
-            f"at most {as_printed(paper.misclassified_at_most)}, the paper's worst",
-            significant(table.misclassified_per_thousand),
-            table.misclassified_per_thousand <= paper.misclassified_at_most,
-        ),
-    ]
-    if evaluation.own.rollouts is not None:
-        for name, figure in paper.rollouts.items():
-            group = getattr(evaluation.own.rollouts, figure.group)
-            spread = group.mse.get(name)
-            which = (
-                f"all {group.episodes:,} rollouts"
-                if figure.group == "all"
-                else f"the {group.episodes:,} rollouts without wall contact"
-            )
-            targets.append(
-                Target(
-                    f"Rollout MSE of the {name}, median of {which}",
-                    f"at most {scientific(figure.mse, 4)}, the paper's",
-                    "not to be measured" if spread is None else scientific(spread.median, 4),
-                    None if spread is None else spread.median <= figure.mse,
-                )
-            )
-    return tuple(targets)
-
-
-def separation(member: MemberResult) -> float | None:
-    """Return how many times its loss on its own samples a member's loss on the other samples is."""
-    return member.not_selected / member.selected if member.selected and member.not_selected is not None else None
+        return f"{self.quantity} {scientific(self.own)} against {scientific(self.other)}"
 
 
 def relate(own: Sequence[float], other: Sequence[float]) -> Relation:
@@ -129,7 +62,7 @@ def beats(comparisons: Sequence[Comparison]) -> str:
     if "lower" not in relations:
         return "does not beat"
     lower = listed([comparison.quantity for comparison in comparisons if comparison.relation == "lower"])
-    return f"is better ({lower}) in part, but not in all, than"
+    return f"is only in part ({lower}) better than"
 
 
 def verdict(evaluation: Evaluation, targets: Sequence[Target]) -> str:
@@ -160,7 +93,7 @@ def findings(evaluation: Evaluation) -> tuple[str, ...]:
     for name, title in named.items():
         if other := evaluation.baseline(name):
             comparisons = compare(own, other)
-            sentences.append(f"It {beats(comparisons)} {title}: {'; '.join(map(str, comparisons))}.")
+            sentences.append(f"It {beats(comparisons)} {title}: {_details(comparisons)}.")
     if wide := evaluation.baseline("wide"):
         sentences.append(_wide_claim(own, wide))
     for name, title in {"unequal_bins": "without equal bins", "random_bins": "with fixed random bins"}.items():
@@ -184,15 +117,15 @@ def _one_step(evaluation: Evaluation) -> str:
     scaled = evaluation.own.one_step.scaled
     text = (
         f"One step ahead, on {evaluation.test.transitions:,} transitions of {evaluation.test.episodes:,} held-out "
-        f"episodes, the mean {evaluation.loss.upper()} of states scaled to [0, 1] is {scientific(scaled.mean)} and the "
-        f"median {scientific(scaled.median)}"
+        f"episodes, the mean {evaluation.loss.upper()} of states scaled to [0, 1] is {scientific(scaled.mean)} and "
+        f"the median {scientific(scaled.median)}"
     )
     oracle = evaluation.candidates.get("ensemble/oracle")
     if oracle is None or not oracle.one_step.scaled.mean:
         return f"{text}."
     best = oracle.one_step.scaled.mean
     ratio = scaled.mean / best
-    cost = f", {times(ratio)} less" if ratio >= MARGIN else ", about the same"
+    cost = f", {times(ratio)} lower" if ratio >= MARGIN else ", about the same"
     return f"{text}; with the best subnetwork always picked the mean would be {scientific(best)}{cost}."
 
 
@@ -234,9 +167,8 @@ def _rollouts(own: CandidateResult) -> str:
     left, contacts = own.rollouts.left_bounds_share, own.rollouts.wall.episodes
     return (
         f"In {own.rollouts.all.episodes:,} free-running rollouts, {contacts:,} of them with wall contact, the median "
-        f"MSE is {listed(parts)}; {percent(left) if left else 'none'} of them leave{'' if left else 's'} the "
-        "bounds of the "
-        "state space."
+        f"MSE is {listed(parts)}; {percent(left) if left else 'none'} of them leave{'' if left else 's'} the bounds "
+        "of the state space."
     )
 
 
@@ -246,26 +178,31 @@ def _wide_claim(own: Sequence[CandidateResult], wide: Sequence[CandidateResult])
     theirs = median(candidate.one_step.scaled.mean for candidate in wide)
     if theirs > 100 * ours:
         return (
-            f"The paper's claim that one wide network is unable to learn the dynamics is borne out: its one-step error "
-            f"is {times(theirs / ours)} the ensemble's."
+            "The paper's claim that one wide network is unable to learn the dynamics is borne out: its one-step "
+            f"error is {times(theirs / ours)} the ensemble's."
         )
     return (
-        f"The paper's claim that one wide network is unable to learn the dynamics is not borne out: its mean one-step "
+        "The paper's claim that one wide network is unable to learn the dynamics is not borne out: its mean one-step "
         f"MSE is {scientific(theirs)}, where the ensemble has {scientific(ours)}."
     )
 
 
 def _bins(comparisons: Sequence[Comparison], title: str) -> str:
-    details = "; ".join(map(str, comparisons))
     outcome = {"beats": "is better than", "does not beat": "is not better than"}.get(
         beats(comparisons), beats(comparisons)
     )
-    return f"With the equal bins of Algorithm 1 the ensemble {outcome} the same ensemble {title}: {details}."
+    return (
+        f"With the equal bins of Algorithm 1 the ensemble {outcome} the same ensemble {title}: {_details(comparisons)}."
+    )
 
 
-def _paper_separation(paper: PaperFigures) -> str:
-    ratios = [network.not_selected / network.selected for network in paper.networks]
-    return listed([significant(ratio, 4) for ratio in ratios])
+def _details(comparisons: Sequence[Comparison]) -> str:
+    words = {"lower": "lower", "higher": "higher", "unclear": "no clear difference"}
+    relations = {comparison.relation for comparison in comparisons}
+    if len(relations) > 1:
+        return "; ".join(f"{comparison} ({words[comparison.relation]})" for comparison in comparisons)
+    common = {"lower": "", "higher": ", each of them higher", "unclear": ", none of them a clear difference"}
+    return f"{'; '.join(map(str, comparisons))}{common[relations.pop()]}"
 
 
 def _rollout_medians(group: Sequence[CandidateResult], name: str) -> list[float]:

@@ -3,7 +3,6 @@
 import math
 
 from addressed_dynamics.features.samples import Samples
-from addressed_dynamics.models.stacked import StackedMLP
 from addressed_dynamics.params import BaselinesParams, EnsembleParams
 from addressed_dynamics.training.ensemble import Binning
 from addressed_dynamics.training.epochs import updates_per_epoch
@@ -42,7 +41,8 @@ def hidden_of_total_parameters(inputs: int, outputs: int, hidden: tuple[int, ...
     """Return hidden widths, in the proportions of `hidden`, of one network with as many parameters as the members."""
 
     def count(widths: tuple[int, ...]) -> int:
-        return StackedMLP(1, (inputs, *widths, outputs), "relu").parameters_per_member
+        layers = zip((inputs, *widths), (*widths, outputs), strict=True)
+        return sum((width_in + 1) * width_out for width_in, width_out in layers)
 
     def stretched(percent: int) -> tuple[int, ...]:
         return tuple(max(1, round(width * percent / 100)) for width in hidden)

@@ -35,19 +35,21 @@ def assign_to_bins(losses: Float[Tensor, "sample member"]) -> Int64[Tensor, " sa
         raise TrainingError(message)
     samples, members = losses.shape
     # What is left to assign, hardest first. Choices are made where the losses lie and only their labels are gathered in
-    # this order: gathering the losses themselves costs more than the sort.
+    # this order: gathering the losses themselves costs more than the sort, unless few samples are left.
     left = torch.argsort(torch.linalg.vector_norm(losses, dim=1), descending=True, stable=True)
-    columns = losses.T.contiguous()
+    columns, places = losses.T.contiguous(), left
     room = torch.full((members,), samples // members, dtype=torch.int64)
     room[: samples % members] += 1
     closed = room == 0
     assigned = torch.empty(samples, dtype=torch.int64, device=losses.device)
     while len(left):
-        preferred = _lowest_open(columns, closed)[left]
+        if len(left) < columns.shape[1] // 4:
+            columns, places = columns[:, places], torch.arange(len(left), device=losses.device)
+        preferred = _lowest_open(columns, closed)[places]
         stop, full = _first_without_room(preferred, room, closed)
         assigned[left[:stop]] = preferred[:stop].long()
         room -= torch.bincount(preferred[:stop], minlength=members).cpu()
-        left = left[stop:]
+        left, places = left[stop:], places[stop:]
         if full is not None:
             closed[full] = True
     return assigned

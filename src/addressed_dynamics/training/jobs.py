@@ -6,6 +6,7 @@ import pickle
 import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 
@@ -65,7 +66,9 @@ def _start(job: Job) -> tuple[Connection, SpawnProcess]:
     receiver, sender = context.Pipe(duplex=False)
     process = context.Process(target=_work, args=(job, sender), daemon=True)
     # Ctrl-C reaches every process of a terminal; the parent alone decides, or each worker would show a traceback. The
-    # worker begins with the signal blocked; for the parent it is only held back.
+    # worker begins with the signal blocked; for the parent it is only held back. The tracker, which the first worker
+    # needs, unblocks it when it starts, so it has to run before.
+    resource_tracker.ensure_running()
     previous = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         process.start()

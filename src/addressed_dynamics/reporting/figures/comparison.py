@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 
 from addressed_dynamics.reporting.blocks import Figure
 from addressed_dynamics.reporting.figures.style import INK, logarithmic, model_style, panel, positive
-from addressed_dynamics.reporting.results import CandidateResult, Evaluation
+from addressed_dynamics.reporting.records import CandidateResult, Evaluation
 from addressed_dynamics.transitions import Dimension
 
 
@@ -56,9 +56,9 @@ def candidates(evaluation: Evaluation, dimensions: Sequence[Dimension]) -> Figur
         )
     )
     caption = (
-        "All candidates; further left is better. One step: mean error (dot) between the median and the 99th percentile "
-        "of all test transitions (bar); a mean beyond the bar comes from a few large errors. Rollouts: mean squared "
-        "error of whole rollouts, median (dot) and 10th to 90th percentile (bar) over rollouts; and the "
+        "All candidates; further left is better. One step: mean error (dot) between the median and the 99th "
+        "percentile of all test transitions (bar); a mean beyond the bar comes from a few large errors. Rollouts: "
+        "mean squared error of whole rollouts, median (dot) and 10th to 90th percentile (bar) over rollouts; and the "
         "share of rollouts in which a predicted state leaves the bounds."
     )
     return Figure(caption, tuple(panels))

@@ -111,9 +111,9 @@ def ensemble_training(curves: Mapping[str, Columns]) -> Figure:
     )
     caption = (
         "Phase 1, epoch by epoch (delivered seed; others in light grey). Training: mean loss of each network on its "
-        "own bin, in the unit it trains on. Validation: mean loss of states scaled to [0, 1] under each sample's best "
-        "network; then each network apart, on the samples for which it is the best (solid) and on the others (dotted). "
-        "Last: share of training samples whose bin is another than in the epoch before."
+        "own bin, in the unit it trains on. Validation: mean loss of states scaled to [0, 1] under each sample's "
+        "best network; then each network apart, on the samples for which it is the best (solid) and on the others "
+        "(dotted). Last: share of training samples whose bin is another than in the epoch before."
     )
     return Figure(caption, panels)
 
@@ -148,8 +148,7 @@ def addressing_training(curves: Mapping[str, Columns], seed: str) -> Figure | No
     )
     caption = (
         "Phase 2, epoch by epoch, on validation episodes: how often the addressing network selects the best network, "
-        "and its regret (loss of the selected network minus loss of the best), for the paper's plain "
-        "cross-entropy and for "
-        "the one weighted by what a wrong choice costs."
+        "and its regret (loss of the selected network minus loss of the best), for the paper's plain cross-entropy "
+        "and for the one weighted by what a wrong choice costs."
     )
     return Figure(caption, panels) if shown else None

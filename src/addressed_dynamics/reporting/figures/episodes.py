@@ -51,21 +51,21 @@ def one_step_prediction(arrays: Arrays, dimensions: Sequence[Dimension]) -> Figu
         lower.scatter(steps[~exact], error[~exact], c=[c for c, e in zip(colours, exact, strict=True) if not e], s=5)
         lower.set(ylabel="error", xlabel="step")
         logarithmic(lower, "y")
-        member_legend(lower, sorted(set(chosen.tolist())), loc="lower left", ncols=4, columnspacing=0.8, borderpad=0.1)
+        member_legend(canvas, sorted(set(chosen.tolist())), loc="outside lower center", ncols=4)
 
     panels = tuple(
         picture(
             f"one-step-{dimension.name}",
             f"{dimension.name} along an episode, true and predicted one step ahead, and the absolute error",
             partial(draw, index=index, dimension=dimension),
-            size=(4.6, 3.6),
+            size=(4.6, 3.8),
         )
         for index, dimension in enumerate(dimensions)
     )
     caption = (
-        f"One step ahead along the longest held-out episode (its first {len(rows)} steps). "
-        "Above: the true next state, and what the model predicts for it from the true state before. Below: the "
-        "absolute error in the same unit, coloured by the network that the addressing network selects."
+        f"One step ahead along the longest held-out episode (its first {len(rows)} steps). Above: the true next "
+        "state, and what the model predicts for it from the true state before. Below: the absolute error in the same "
+        "unit, coloured by the network that the addressing network selects."
     )
     return Figure(caption, panels)
 
@@ -138,7 +138,7 @@ def error_against_horizon(horizon: Mapping[str, Columns], dimensions: Sequence[D
 
 def _squared(dimension: Dimension) -> str:
     unit = f"({dimension.unit})²" if "/" in dimension.unit else f"{dimension.unit}²" if dimension.unit else ""
-    return with_unit(f"squared error of the {dimension.name}", unit)
+    return f"squared error of the {dimension.name}{', ' * bool(unit)}{unit}"
 
 
 def _first_of_each(horizon: Mapping[str, Columns]) -> dict[str, Columns]:

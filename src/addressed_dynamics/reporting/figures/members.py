@@ -70,9 +70,8 @@ def loss_profiles(arrays: Arrays) -> Figure | None:
     caption = (
         f"Loss profiles (Fig. 2 of the paper). Each point is one of {len(rows):,} test transitions; its coordinates "
         f"are its losses (of states scaled to [0, 1]) under networks {first + 1} and {second + 1}, its colour is the "
-        "network that the addressing network selects after training. On the grey line both serve it equally "
-        "well; the further "
-        "from it, the more the choice matters."
+        "network that the addressing network selects after training. On the grey line both serve it equally well; "
+        "the further from it, the more the choice matters."
     )
     return Figure(caption, panels)
 
@@ -95,12 +94,14 @@ def state_maps(arrays: Arrays, spaces: SpaceSpec) -> Figure | None:
     for index, ((title, rows), cells, mean) in enumerate(zip(parts, grids, means, strict=True)):
         majority = _cell_majority(arrays.chosen[rows], cells, members)
 
-        def draw_chosen(axes: Axes, image: Float[np.ndarray, "y x"] = majority, title: str = title) -> None:
+        def draw_chosen(
+            axes: Axes, image: Float[np.ndarray, "y x"] = majority, title: str = f"selected, {title}"
+        ) -> None:
             colours = ListedColormap([member_colour(k) for k in range(members)])
             _draw_map(axes, image, spaces.observation, cmap=colours, vmin=-0.5, vmax=members - 0.5)
             axes.set_title(title)
 
-        def draw_error(axes: Axes, image: Float[np.ndarray, "y x"] = mean, title: str = title) -> None:
+        def draw_error(axes: Axes, image: Float[np.ndarray, "y x"] = mean, title: str = f"error, {title}") -> None:
             norm = LogNorm(low, max(high, low * 1.01))
             mesh = _draw_map(axes, image, spaces.observation, cmap="viridis", norm=norm)
             axes.figure.colorbar(mesh, ax=axes, orientation="horizontal", aspect=30, pad=0.02).outline.set_visible(
@@ -116,10 +117,10 @@ def state_maps(arrays: Arrays, spaces: SpaceSpec) -> Figure | None:
         error_panels.append(panel(f"map-error-{index}", f"Map of the error {seen}", draw_error, size=tall))
     names = ", ".join(f"{_COLOUR_NAMES[k % len(_COLOUR_NAMES)]} network {k + 1}" for k in range(members))
     caption = (
-        f"Where each network serves, and where the errors are: all {len(losses):,} test transitions in a grid "
-        "of "
-        f"{CELLS} × {CELLS} cells, one map for each action. Above: the network selected most often in a cell ({names}). Below: "
-        "mean loss (of states scaled to [0, 1]) of the selected network, logarithmic. White: no test data."
+        f"Where each network serves, and where the errors are: all {len(losses):,} test transitions in a grid of "
+        f"{CELLS} × {CELLS} cells, one map for each action. Selected: the network selected most often in a cell "
+        f"({names}). Error: mean loss (of states scaled to [0, 1]) of the selected network, logarithmic. Blank: no "
+        "test data."
     )
     return Figure(caption, (*chosen_panels, *error_panels))
 

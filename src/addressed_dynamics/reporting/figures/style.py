@@ -8,14 +8,14 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Canvas
-from matplotlib.ticker import NullFormatter
+from matplotlib.image import imsave
+from matplotlib.ticker import NullLocator
 
 from addressed_dynamics.reporting.blocks import Panel
-from addressed_dynamics.transitions import FloatArray
 
 INK = "#222222"
 """Text, the truth, and the delivered model."""
@@ -91,11 +91,12 @@ def picture(
     """Draw a picture; `draw` makes the axes."""
     with mpl.rc_context(_RC):
         canvas = Canvas(figsize=size, dpi=_CSS_DPI * _PIXEL_RATIO)
-        FigureCanvasAgg(canvas)
+        agg = FigureCanvasAgg(canvas)
         draw(canvas)
+        agg.draw()
         buffer = io.BytesIO()
-        # By default the file names matplotlib's version.
-        canvas.savefig(buffer, format="png", metadata={"Software": None})
+        # `savefig` would lay out and draw everything twice. By default the file names matplotlib's version.
+        imsave(buffer, np.asarray(agg.buffer_rgba())[..., :3], format="png", metadata={"Software": None})  # type: ignore[dict-item]
     width, height = (round(side * _CSS_DPI) for side in size)
     return Panel(name, alternative, buffer.getvalue(), width, height)
 
@@ -111,20 +112,20 @@ def model_style(name: str) -> tuple[str, str]:
     return MODELS.get(key, (key.replace("_", " "), FAINT))
 
 
-def positive(errors: FloatArray) -> FloatArray:
+def positive(errors: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
     """Return errors that a logarithmic axis can show."""
-    shown: FloatArray = np.maximum(errors, ERROR_FLOOR)
+    shown: Float[np.ndarray, "*shape"] = np.maximum(errors, ERROR_FLOOR)
     return shown
 
 
 def logarithmic(axes: Axes, *which: str) -> None:
-    """Make axes (`x`, `y`) logarithmic, with whole powers of ten as the only labels, at least two of them."""
+    """Make axes (`x`, `y`) logarithmic, with whole powers of ten as the only ticks, at least two of them."""
     for letter in which:
         axes.set(**{f"{letter}scale": "log"})
         low, high = getattr(axes, f"get_{letter}lim")()
         if high / low < 100:
             axes.set(**{f"{letter}lim": (10.0 ** np.floor(np.log10(low)), 10.0 ** np.ceil(np.log10(high)))})
-        getattr(axes, f"{letter}axis").set_minor_formatter(NullFormatter())
+        getattr(axes, f"{letter}axis").set_minor_locator(NullLocator())
 
 
 def thinned(samples: int, most: int) -> Int[np.ndarray, " row"]:
@@ -137,9 +138,9 @@ def with_unit(name: str, unit: str) -> str:
     return f"{name.replace('_', ' ')} ({unit})" if unit else name.replace("_", " ")
 
 
-def member_legend(axes: Axes, members: list[int], **options: Any) -> None:
+def member_legend(owner: Axes | Canvas, members: list[int], **options: Any) -> None:
     """Explain the members' colours with dots."""
     handles = [
         mpl.lines.Line2D([], [], linestyle="", marker="o", markersize=4.5, color=member_colour(k)) for k in members
     ]
-    axes.legend(handles, [f"network {k + 1}" for k in members], handletextpad=0.2, **options)
+    owner.legend(handles, [f"network {k + 1}" for k in members], handletextpad=0.2, **options)

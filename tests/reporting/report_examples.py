@@ -1,0 +1,195 @@
+"""Small made-up results to report on: everything that the stages before the report write."""
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from builders import CAR
+from example_params import EXAMPLE
+
+from addressed_dynamics.params import AddressingParams, EnsembleParams
+from addressed_dynamics.reporting.document import Origin
+from addressed_dynamics.reporting.records import Evaluation
+from addressed_dynamics.transitions import ContinuousAction, SpaceSpec
+
+OTHERS = ("total_parameters/seed-0", "wide/seed-0", "unequal_bins/seed-0", "random_bins/seed-0")
+
+
+def summary(mean: float) -> dict[str, float]:
+    return {"mean": mean, "median": mean / 10, "p99": mean * 3, "max": mean * 1000}
+
+
+def candidate(one_step: float, rollout: float, spaces: SpaceSpec = CAR, *, wall_free: int = 3) -> dict[str, Any]:
+    """A model with these errors, in every dimension."""
+    spread = {"median": rollout, "mean": rollout * 2, "p10": rollout / 9, "p90": rollout * 9, "max": rollout * 20}
+    groups = {"all": 5, "no_wall": wall_free, "wall": 5 - wall_free}
+    rollouts = {
+        name: {"episodes": size, "mse": {each: spread if size else None for each in spaces.observation_names}}
+        for name, size in groups.items()
+    }
+    dimensions = [
+        {"name": each.name, "unit": each.unit, "squared": summary(one_step), "absolute": summary(one_step)}
+        for each in spaces.observation
+    ]
+    return {
+        "label": "some model",
+        "parameters": 1234,
+        "one_step": {"scaled": summary(one_step), "dimensions": dimensions},
+        "rollouts": {"left_bounds_share": 0.25, **rollouts},
+    }
+
+
+def table(members: int = 2, *, unused: bool = False, selected: float = 1e-7, ratio: float = 500.0) -> dict[str, Any]:
+    """A Table 1; with `unused`, the last member is never selected."""
+    rows = []
+    for member in range(members):
+        absent = unused and member == members - 1
+        rows.append(
+            {
+                "member": member,
+                "share": 0.0 if absent else 1 / (members - unused),
+                "selected": None if absent else selected,
+                "not_selected": selected * ratio if members > 1 else None,
+                "misclassified": {"per_thousand": 0.0 if absent else 3.0, **summary(0.0 if absent else 1e-6)},
+            }
+        )
+    return {
+        "samples": 300,
+        "members": rows,
+        "agreement": 0.97,
+        "misclassified_per_thousand": 3.0 * (members - unused),
+        "regret": summary(1e-8),
+        "confusion": np.eye(members, dtype=int).tolist(),
+    }
+
+
+def evaluation_json(
+    own: tuple[float, float] = (1e-7, 1e-6), others: tuple[float, float] = (1e-6, 1e-5), **changes: Any
+) -> dict[str, Any]:
+    """What evaluate writes, with these one-step and rollout errors of the delivered model and of all others."""
+    spaces, members = changes.pop("spaces", CAR), changes.pop("members", 2)
+    unused, wall_free = changes.pop("unused", False), changes.pop("wall_free", 3)
+    oracle = candidate(own[0] / 2, 0.0, spaces)
+    del oracle["rollouts"]
+    own_candidate = candidate(*own, spaces, wall_free=wall_free)
+    tables = {variant: table(members, unused=unused) for variant in ("plain", "cost_sensitive")}
+    return {
+        "loss": "mse",
+        "test": {"transitions": 300, "episodes": 4},
+        "delivered": {"seed": 0, "variant": "cost_sensitive"},
+        "seeds": {"0": tables, "1": tables},
+        "candidates": {
+            "ensemble/oracle": oracle,
+            "ensemble/argmax": own_candidate,
+            "ensemble/argmax/plain": own_candidate,
+            "ensemble/argmax/seed-1": own_candidate,
+            **{name: candidate(*others, spaces, wall_free=wall_free) for name in OTHERS},
+        },
+        **changes,
+    }
+
+
+def evaluation(*args: Any, **changes: Any) -> Evaluation:
+    return Evaluation.model_validate(evaluation_json(*args, **changes))
+
+
+DATA = {
+    "transitions": 2000,
+    "splits": {name: {"episodes": 4, "transitions": 300} for name in ("train", "validation", "test")},
+    "segments": {
+        "learning": {"behaviour": "dqn", "count": 6, "transitions": 1000, "goal_share_last_100": 0.5},
+        "walls": {"behaviour": "random", "count": 6, "transitions": 1000, "goal_share_last_100": None},
+    },
+    "coverage": {"cells_per_dimension": 50, "per_dimension": {"position": 1.0, "velocity": 0.9}, "plane": 0.7},
+    "duplicates": {"rows": 20, "share": 0.01},
+}
+
+
+def write_results(
+    folder: Path, *, spaces: SpaceSpec = CAR, members: int = 2, unused: bool = False, samples: int = 300, **changes: Any
+) -> tuple[Path, Path]:
+    """Write what the stages before the report write; return the folders of reports and of arrays."""
+    reports, arrays = folder / "reports", folder / "evaluation"
+    reports.mkdir()
+    arrays.mkdir()
+    documents = {
+        "data": DATA,
+        "evaluation": evaluation_json(spaces=spaces, members=members, unused=unused, **changes),
+        "addressing": {
+            "delivered": {"0": "cost_sensitive", "1": "plain"},
+            "validation": {
+                "seed-0/plain": {"regret/mean": 2e-8, "confusion": [[1, 0], [0, 1]]},
+                "seed-0/cost_sensitive": {"regret/mean": 1e-8, "confusion": [[1, 0], [0, 1]]},
+            },
+        },
+        "baselines": {name: {"parameters": 1234, "updates": 77} for name in OTHERS},
+    }
+    for name, document in documents.items():
+        (reports / f"{name}.json").write_text(json.dumps(document))
+    epochs = range(1, 4)
+    per_member = [f"{kind}/{k}" for k in range(members) for kind in ("loss_member", "selected", "not_selected")]
+    columns = ["loss/train", "loss/validation", "bins/changed", *per_member]
+    trainings = [{"training": f"seed-{seed}", "epoch": epoch} for seed in (0, 1) for epoch in epochs]
+    _write_csv(reports / "ensemble.csv", [row | dict.fromkeys(columns, 0.1 / row["epoch"]) for row in trainings])
+    columns = ["agreement", "regret/mean", "regret/max"]
+    trainings = [
+        {"training": f"seed-0/{name}", "epoch": epoch} for name in ("plain", "cost_sensitive") for epoch in epochs
+    ]
+    _write_csv(reports / "addressing.csv", [row | dict.fromkeys(columns, 0.1 / row["epoch"]) for row in trainings])
+    percentiles = [f"{name}_{share}" for name in spaces.observation_names for share in ("p10", "p50", "p90")]
+    rows = [{"model": name, "horizon": h} for name in ("ensemble/argmax", *OTHERS) for h in (10, 20)]
+    _write_csv(reports / "horizon.csv", [row | dict.fromkeys(percentiles, 1e-5 * row["horizon"]) for row in rows])
+    rows = [{"segment": "learning", "return": -200.0 + i, "goal_reached": i % 2} for i in range(6)]
+    _write_csv(reports / "learner.csv", rows)
+    np.savez(arrays / "arrays.npz", **example_arrays(spaces, members, unused=unused, samples=samples))
+    return reports, arrays
+
+
+def example_arrays(spaces: SpaceSpec, members: int, *, unused: bool = False, samples: int = 300) -> dict[str, Any]:
+    generator = np.random.default_rng(0)
+    width = len(spaces.observation)
+    observation = generator.uniform(-0.05, 0.05, (samples, width)).astype(np.float32)
+    continuous = isinstance(spaces.action, ContinuousAction)
+    action = generator.normal(size=(samples, 2)).astype(np.float32) if continuous else np.arange(samples) % 3
+    profile = 10.0 ** generator.uniform(-12, -3, (members, samples))
+    profile[:, 0] = 0.0
+    chosen = np.arange(samples) % (members - unused)
+    rollouts = generator.uniform(-0.05, 0.05, (2, 31, width))
+    return {
+        "observation": observation,
+        "action": action,
+        "episode": np.repeat([3, 7], [samples // 3, samples - samples // 3]),
+        "next_observation": observation,
+        "predicted": observation + (np.arange(samples) % 2 * 1e-4).astype(np.float32)[:, None],
+        "chosen": chosen,
+        "best": profile.argmin(axis=0),
+        "profile": profile,
+        "profile_untrained": profile * 100,
+        "rollout_true": rollouts,
+        "rollout_predicted": rollouts.astype(np.float32),
+        "rollout_touched": np.array([False, True]),
+    }
+
+
+def origin(spaces: SpaceSpec = CAR, **changes: Any) -> Origin:
+    values: dict[str, Any] = {
+        "title": "MountainCar",
+        "params_file": "params.yaml",
+        "commit": "abc, with changes",
+        "versions": {"torch": "2.0"},
+        "target": "change",
+        "ensemble": EnsembleParams.model_validate(EXAMPLE["ensemble"], strict=False),
+        "addressing": AddressingParams.model_validate(EXAMPLE["addressing"], strict=False),
+        "spaces": spaces,
+        "runs": {"a run": "http://127.0.0.1:5000/#/runs/1"},
+    }
+    return Origin(**values | changes)
+
+
+def _write_csv(path: Path, rows: list[dict[str, Any]]) -> None:
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, fieldnames=list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)

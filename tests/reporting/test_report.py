@@ -1,0 +1,150 @@
+import dataclasses
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from builders import CAR
+from report_examples import origin, write_results
+
+from addressed_dynamics.reporting.blocks import Report, Table
+from addressed_dynamics.reporting.document import build_report, headline
+from addressed_dynamics.reporting.paper import PAPER
+from addressed_dynamics.reporting.render import render_html, render_markdown, write_report
+from addressed_dynamics.reporting.results import load_results
+from addressed_dynamics.transitions import ContinuousAction, Dimension, SpaceSpec
+
+CAR_PAPER = PAPER["mountaincar"]
+PENDULUM = SpaceSpec(
+    observation=tuple(Dimension(f"angle_{i}", "rad/s" if i else "", -np.inf, np.inf) for i in range(3)),
+    action=ContinuousAction((Dimension("torque", "Nm", -1, 1), Dimension("wind", "", -1, 1))),
+    step_seconds=0.02,
+)
+
+
+class Page(HTMLParser):
+    """What a browser would see of a page."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.open: list[str] = []
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+        if tag not in {"meta", "img"}:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag, f"</{tag}> closes another element"
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> Report:
+    return example(tmp_path_factory.mktemp("results"))
+
+
+def example(folder: Path, **changes: Any) -> Report:
+    spaces = changes.get("spaces", CAR)
+    return build_report(load_results(*write_results(folder, **changes)), origin(spaces), CAR_PAPER)
+
+
+def tables(report: Report) -> list[Table]:
+    inside = [block for section in report.sections for block in section.blocks if isinstance(block, Table)]
+    return [report.targets, *inside]
+
+
+def test_the_page_is_whole_and_loads_nothing_from_elsewhere(report: Report) -> None:
+    text = render_html(report)
+    page = Page(text)
+    assert page.open == []
+    assert not {"script", "link", "iframe", "object"} & {tag for tag, _ in page.tags}
+    pictures = [attributes for tag, attributes in page.tags if tag == "img"]
+    assert len(pictures) == len(report.panels) > 15
+    assert all(str(each["src"]).startswith("data:image/png;base64,iVBOR") and each["alt"] for each in pictures)
+    assert "url(" not in text
+    assert "@import" not in text
+
+
+def test_the_links_of_the_page_lead_to_its_sections_and_to_the_runs(report: Report) -> None:
+    page = Page(render_html(report))
+    anchors = {f"#{attributes['id']}" for _, attributes in page.tags if "id" in attributes}
+    targets = {attributes["href"] for tag, attributes in page.tags if tag == "a"}
+    assert targets - anchors == {"http://127.0.0.1:5000/#/runs/1"}
+
+
+def test_markdown_and_page_hold_the_same_cells(report: Report) -> None:
+    page, markdown = render_html(report), render_markdown(report)
+    cells = [cell for table in tables(report) for row in table.rows for cell in row.cells]
+    assert len(cells) > 100
+    for cell in cells:
+        assert cell in markdown
+        assert cell.replace("'", "&#39;").replace(">", "&gt;").replace("<", "&lt;") in page
+
+
+def test_every_table_of_the_markdown_has_as_many_cells_in_all_its_rows(report: Report) -> None:
+    lines = render_markdown(report).splitlines()
+    blocks = re.findall(r"(?:^\|.*\|\n)+", "\n".join(lines) + "\n", flags=re.MULTILINE)
+    assert len(blocks) == len(tables(report))
+    for block in blocks:
+        assert len({row.count("|") for row in block.splitlines()}) == 1, block
+
+
+def test_the_files_are_written_with_the_pictures_that_the_markdown_names(report: Report, tmp_path: Path) -> None:
+    (tmp_path / "figures").mkdir()
+    (tmp_path / "figures" / "of_an_older_report.png").touch()
+    write_report(report, tmp_path)
+    named = set(re.findall(r"\]\(figures/([^)]+)\)", (tmp_path / "report.md").read_text()))
+    assert named == {path.name for path in (tmp_path / "figures").iterdir()}
+    assert "Table 1" in (tmp_path / "report.html").read_text()
+
+
+def test_the_same_results_make_the_same_bytes(report: Report, tmp_path: Path) -> None:
+    again = example(tmp_path)
+    assert render_html(again) == render_html(report)
+    assert b"matplotlib" not in b"".join(panel.png for panel in again.panels).lower()
+
+
+def test_the_paper_stands_beside_the_measured_table(report: Report) -> None:
+    (table,) = (block for section in report.sections if section.title == "Table 1" for block in section.blocks[:1])
+    assert isinstance(table, Table)
+    assert [row.cells for row in table.rows] == [
+        ("the paper, network 1", "0.2", "262.6", "27", "0.4", "3.5", "65.2"),
+        ("the paper, network 2", "1.2", "1,861.3", "1", "7.8", "7.8", "7.8"),
+        ("here, network 1", "0.10", "50.0", "3.00", "0.10", "1.0", "1,000"),
+        ("here, network 2", "0.10", "50.0", "3.00", "0.10", "1.0", "1,000"),
+    ]
+
+
+def test_eight_members_of_which_one_is_never_selected_and_other_spaces_have_a_report(tmp_path: Path) -> None:
+    report = example(tmp_path, spaces=PENDULUM, members=8, unused=True, wall_free=0, samples=7)
+    markdown = render_markdown(report)
+    assert "| here, network 8 | – | 50.0 | 0 | – | – | – |" in markdown
+    assert "nan" not in markdown.lower()
+    assert {"horizon-angle_2", "map-selected-0"} <= {panel.name for panel in report.panels}
+
+
+def test_a_title_with_markup_is_text_in_the_page(report: Report) -> None:
+    page = render_html(dataclasses.replace(report, title="<b>&"))
+    assert "<h1>&lt;b&gt;&amp;</h1>" in page
+
+
+def test_one_member_without_addressing_and_a_paper_have_a_report_of_the_rest(tmp_path: Path) -> None:
+    results = load_results(*write_results(tmp_path, members=1, wall_free=0, samples=2))
+    report = build_report(results, origin(runs={}, commit=""), None)
+    assert "the paper, network" not in render_markdown(report)
+    assert "figures taken from the paper" not in report.verdict
+    assert not {"Addressing", "Runs"} & {section.title for section in report.sections}
+    assert "targets/reached" not in headline(results, None)
+
+
+def test_the_headline_counts_the_targets_reached(tmp_path: Path) -> None:
+    results = load_results(*write_results(tmp_path))
+    figures = headline(results, CAR_PAPER)
+    assert figures["targets/reached"] == 4.0
+    assert figures["rollout_mse/velocity"] == 1e-6
+    assert figures["agreement"] == 0.97

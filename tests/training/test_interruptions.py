@@ -1,0 +1,160 @@
+"""The training stages as they are called, and cut off: kill -9, Ctrl-C, no MLflow server."""
+
+import json
+import os
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import termios
+from pathlib import Path
+from typing import Any
+
+import pytest
+import safetensors
+from builders import write_log
+from example_params import EXAMPLE, write_params
+from learning import drive
+from test_stages import ENVIRONMENT, finished, read_terminal
+
+from addressed_dynamics.conversion import convert_recording
+from addressed_dynamics.params import load_params
+
+EPOCHS = 120
+"""More than twice as many as a worker can be ahead of the progress bar: it waits when the pipe to its parent is full."""
+STAGES = {"train_ensemble": "ensemble", "train_addressing": "addressing"}
+"""The stages, and the folder of models that each makes."""
+ONE_EPOCH = re.compile(r"[1-9][\d.]*epoch \[")
+"""What the progress bar says once an epoch is finished."""
+
+pytestmark = pytest.mark.slow
+
+
+def long_training() -> dict[str, Any]:
+    """The tiny params with two trainings side by side in each stage, long enough to be cut off."""
+    sides = {"epochs": EPOCHS, "processes": 2}
+    return EXAMPLE | {
+        "ensemble": EXAMPLE["ensemble"] | sides | {"seeds": [0, 1], "cluster_epochs": EPOCHS},
+        "addressing": EXAMPLE["addressing"] | sides | {"variants": ["cost_sensitive"]},
+    }
+
+
+def closed_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def start(name: str, folder: Path, stderr: int) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", f"pipeline.{name}", "--experiment", "car", "--params", "params.yaml"]
+    environment = ENVIRONMENT | {"MLFLOW_TRACKING_URI": f"http://127.0.0.1:{closed_port()}"}
+    return subprocess.Popen(command, cwd=folder, env=environment, stderr=stderr, text=True, start_new_session=True)
+
+
+def cut_off(name: str, folder: Path, number: signal.Signals, *, group: bool) -> tuple[int, str]:
+    """Send a signal to a stage, or to all of its processes, after an epoch; wait until the last of them has ended."""
+    terminal, other_end = os.openpty()
+    termios.tcsetwinsize(terminal, (24, 120))
+    said, sent = "", False
+    with start(name, folder, other_end) as process:
+        os.close(other_end)
+        for said in read_terminal(terminal):
+            if not sent and ONE_EPOCH.search(said):
+                sent = True
+                (os.killpg if group else os.kill)(process.pid, number)
+    os.close(terminal)
+    assert sent, said
+    return process.returncode, said
+
+
+def epochs_kept(folder: Path) -> list[int]:
+    kept = []
+    for path in (folder / ".checkpoints" / "car").glob("*.safetensors"):
+        with safetensors.safe_open(path, framework="pt") as file:
+            kept.append(len(json.loads(file.metadata()["history"])))
+    return kept
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """All files under a folder."""
+    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+@pytest.fixture(scope="module")
+def tables(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A project with tables, not trained yet."""
+    folder = tmp_path_factory.mktemp("project")
+    params = load_params(write_params(folder / "params.yaml", car=long_training()), "car").convert
+    data, recording = folder / "data", folder / "data" / "raw" / "car"
+    recording.mkdir(parents=True)
+    write_log(recording / "learning-env00.mcap", drive((20,) * 30))
+    convert_recording(
+        recording, data / "tables" / "car", data / "reports" / "car", params, cores=1, progress=lambda _: None
+    )
+    return folder
+
+
+@pytest.fixture(scope="module")
+def trained(tables: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, str]]:
+    """The project after both stages, which nothing disturbed but that there is no MLflow server; what they said."""
+    folder = Path(shutil.copytree(tables, tmp_path_factory.mktemp("trained") / "project"))
+    said = {}
+    for name in STAGES:
+        with start(name, folder, subprocess.PIPE) as process:
+            status, said[name] = finished(process)
+        assert status == 0, said[name]
+    return folder, said
+
+
+def test_without_an_mlflow_server_training_finishes_with_one_warning_per_run_and_its_metrics_in_the_reports(
+    trained: tuple[Path, dict[str, str]],
+) -> None:
+    folder, said = trained
+    for name, made in STAGES.items():
+        warnings = [line for line in said[name].splitlines() if "MLflow" in line]
+        assert len(warnings) == 2
+        assert all("going on without tracking" in line for line in warnings)
+        assert "Traceback" not in said[name]
+        report = json.loads((folder / "data" / "reports" / "car" / f"{made}.json").read_text())
+        assert len(report.get("validation", report)) == 2
+        curves = (folder / "data" / "reports" / "car" / f"{made}.csv").read_text().splitlines()
+        assert len(curves) == 1 + 2 * EPOCHS
+        assert list((folder / "data" / "models" / "car" / made).rglob("weights.safetensors"))
+    assert epochs_kept(folder) == []
+
+
+@pytest.mark.parametrize("name", STAGES)
+def test_a_stage_that_is_killed_and_run_again_ends_as_if_nothing_had_happened(
+    trained: tuple[Path, dict[str, str]], tmp_path: Path, name: str
+) -> None:
+    made = Path("data") / "models" / "car" / STAGES[name]
+    folder = Path(shutil.copytree(trained[0], tmp_path / "project"))
+    shutil.rmtree(folder / made)
+    status, _ = cut_off(name, folder, signal.SIGKILL, group=False)
+    assert status == -signal.SIGKILL
+    assert not (folder / made).exists()
+    kept = epochs_kept(folder)
+    assert kept
+    assert max(kept) < EPOCHS
+    with start(name, folder, subprocess.PIPE) as process:
+        status, said = finished(process)
+    assert status == 0, said
+    assert contents(folder / made) == contents(trained[0] / made)
+    reports = Path("data") / "reports" / "car"
+    assert contents(folder / reports) == contents(trained[0] / reports)
+    assert epochs_kept(folder) == []
+
+
+def test_ctrl_c_ends_a_stage_with_one_line_and_leaves_no_process_and_no_part_of_a_model(
+    tables: Path, tmp_path: Path
+) -> None:
+    folder = Path(shutil.copytree(tables, tmp_path / "project"))
+    # Returns only when the last process has left the terminal.
+    status, said = cut_off("train_ensemble", folder, signal.SIGINT, group=True)
+    assert status == 130
+    assert "Traceback" not in said
+    assert said.splitlines()[-1] == "interrupted"
+    assert list((folder / "data" / "models" / "car").iterdir()) == []
+    assert max(epochs_kept(folder)) < EPOCHS
