@@ -1,102 +1,120 @@
-"""Resident memory at its peak: training on a million transitions, and converting logs of different sizes."""
+"""The most memory that converting and training take, on a million transitions of a car, each step in its own process."""
 
-import multiprocessing
+import os
 import resource
+import subprocess
+import sys
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
+from measuring import print_table
 
-from addressed_dynamics.conversion import convert_recording
-from addressed_dynamics.logs import RunInfo, TransitionLogWriter
-from addressed_dynamics.params import load_params
-from addressed_dynamics.recording.spaces import space_spec
-
-PARAMS = load_params(Path(__file__).parents[1] / "params.yaml", "mountaincar")
-EPISODE = 200
-
-
-def peak_megabytes(function: Callable[..., None], *arguments: object) -> float:
-    """Return the most resident memory of a fresh process that calls `function`."""
-    context = multiprocessing.get_context("spawn")
-    receiver, sender = context.Pipe(duplex=False)
-    process = context.Process(target=_measure, args=(sender, function, arguments))
-    process.start()
-    megabytes = receiver.recv()
-    process.join()
-    return float(megabytes)
+EXPERIMENT = "mountaincar"
+PARAMS_FILE = Path(__file__).parents[1] / "params.yaml"
+SHARD = 50_000
+EPISODE = 250
+TRAINING_EPOCHS = 2
+MIB = 2**20
 
 
-def _measure(sender, function, arguments) -> None:
-    function(*arguments)
-    sender.send(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+def peak_mib(who: int = resource.RUSAGE_SELF) -> float:
+    """Return the largest resident memory so far of this process, or of any of its children."""
+    unit = 1 if sys.platform == "darwin" else 1024
+    return resource.getrusage(who).ru_maxrss * unit / MIB
 
 
-def nothing() -> None:
-    """Import what training imports."""
-    import addressed_dynamics.training.ensemble  # noqa: F401
+def record(shards: int) -> None:
+    """Write logs of a car under random pushes; print the size of a shard in memory."""
+    import numpy as np
+
+    from addressed_dynamics.envs.mountain_car import mountain_car_step
+    from addressed_dynamics.logs import RunInfo, TransitionLogWriter
+    from addressed_dynamics.recording.plan import make_environment
+    from addressed_dynamics.recording.spaces import space_spec
+    from addressed_dynamics.params import EnvironmentParams
+
+    spec = space_spec(make_environment(EnvironmentParams(id="MountainCar-v0", kwargs={})))
+    info = RunInfo(environment="MountainCar-v0")
+    generator = np.random.default_rng(0)
+    folder = Path("data") / "raw" / EXPERIMENT
+    folder.mkdir(parents=True)
+    cars = SHARD // EPISODE
+    for shard in range(shards):
+        states = np.empty((EPISODE + 1, cars, 2))
+        states[0] = generator.uniform((-1.2, -0.07), (0.6, 0.07), (cars, 2))
+        actions = generator.integers(0, 3, (EPISODE, cars))
+        for step in range(EPISODE):
+            states[step + 1] = mountain_car_step(states[step], actions[step])
+        shown = states.astype(np.float32)
+        with TransitionLogWriter(folder / f"synthetic-env00-{shard:03d}.mcap", spec, run=info) as writer:
+            for car in range(cars):
+                for step in range(EPISODE):
+                    writer.append(shard * cars + car, step, shown[step, car], actions[step, car], -1.0,
+                                  shown[step + 1, car], False, step == EPISODE - 1)  # fmt: skip
+                writer.end_episode(None, cut=False)
+    row_bytes = 8 + 4 + 8 + 2 * 4 + 8 + 4 + 2 * 4 + 1 + 1  # the columns of Transitions
+    print(SHARD * row_bytes / MIB)
 
 
-def train(transitions: int) -> None:
-    """Train two epochs of phase 1 on made-up transitions."""
-    import torch
+def convert() -> None:
+    """Convert the logs; print the memory before, and the peak of this process and of its workers."""
+    from addressed_dynamics.conversion import convert_recording
+    from addressed_dynamics.params import load_params
 
-    from addressed_dynamics.features.samples import Samples
+    params = load_params(PARAMS_FILE, EXPERIMENT).convert
+    before = peak_mib()
+    folders = [Path("data") / kind / EXPERIMENT for kind in ("raw", "tables", "reports")]
+    convert_recording(*folders, params, cores=2, progress=lambda _: None)
+    print(before, max(peak_mib(), peak_mib(resource.RUSAGE_CHILDREN)))
+
+
+def train() -> None:
+    """Train as the stage does, for a few epochs; print the memory before, the peak and the number of transitions."""
+    from addressed_dynamics.params import load_params
     from addressed_dynamics.training.ensemble import train_ensemble
     from addressed_dynamics.training.runtime import prepare_torch
+    from pipeline.training import load_training_data
 
     prepare_torch(threads=1)
-    generator = torch.Generator().manual_seed(0)
-
-    def samples(count: int) -> Samples:
-        rows = torch.arange(count)
-        return Samples(
-            torch.randn(count, 5, generator=generator), torch.randn(count, 2, generator=generator), rows, rows
-        )
-
-    params = PARAMS.ensemble.model_copy(update={"epochs": 2, "cluster_epochs": 2, "batch_size": 4096})
-    for _ in train_ensemble(samples(transitions), samples(transitions // 10), params, seed=0, loss_unit=1.0):
+    before = peak_mib()
+    sections = load_params(PARAMS_FILE, EXPERIMENT)
+    params = sections.ensemble.model_copy(update={"epochs": TRAINING_EPOCHS, "cluster_epochs": TRAINING_EPOCHS})
+    data = load_training_data(EXPERIMENT, sections.features)
+    for _ in train_ensemble(data.train, data.validation, params, seed=0, loss_unit=1.0):
         pass
+    print(before, peak_mib(), len(data.train) + len(data.validation))
 
 
-def write_shards(folder: Path, shards: int, transitions: int) -> None:
-    """Write logs of made-up MountainCar transitions."""
-    import gymnasium
-
-    spec = space_spec(gymnasium.make("MountainCar-v0"))
-    run = RunInfo(
-        environment="MountainCar-v0", kwargs={}, versions={}, started="", segment="made_up", behaviour="random", seed=0
-    )
-    generator = np.random.default_rng(0)
-    for shard in range(shards):
-        with TransitionLogWriter(folder / f"made_up-env{shard:02d}-000.mcap", spec, run=run) as writer:
-            for episode in range(transitions // EPISODE):
-                states = generator.uniform((-1.2, -0.07), (0.6, 0.07), (EPISODE + 1, 2)).astype(np.float32)
-                for step in range(EPISODE):
-                    number = shard * 1_000_000 + episode
-                    writer.append(number, step, states[step], 1, -1.0, states[step + 1], False, step == EPISODE - 1)
-                writer.end_episode(0, cut=False)
-
-
-def convert(folder: Path) -> None:
-    """Convert the logs in a folder, in this process."""
-    convert_recording(
-        folder / "raw", folder / "tables", folder / "reports", PARAMS.convert, cores=1, progress=lambda _n: None
-    )
+def step(folder: Path, *arguments: str) -> list[float]:
+    """Run one of the functions above in a process of its own, which inherits no memory, and return what it prints."""
+    command = [sys.executable, __file__, *arguments]
+    environment = os.environ | {"PYTHONPATH": str(PARAMS_FILE.parent)}
+    done = subprocess.run(command, cwd=folder, env=environment, stdout=subprocess.PIPE, text=True, check=True)
+    return [float(number) for number in done.stdout.split()]
 
 
 def main() -> None:
-    """Print peaks in megabytes."""
-    base, peak = peak_megabytes(nothing), peak_megabytes(train, 1_000_000)
-    print(f"training on 1M transitions: {peak:6.0f} MB, {base:.0f} of them imports (target 1500 MB)")
-    for shards, transitions in ((1, 50_000), (4, 50_000), (1, 200_000)):
-        with tempfile.TemporaryDirectory() as name:
-            folder = Path(name)
-            (folder / "raw").mkdir()
-            write_shards(folder / "raw", shards, transitions)
-            print(f"converting {shards} shards of {transitions:7,d}: {peak_megabytes(convert, folder):6.0f} MB")
+    """Print the peaks."""
+    rows = []
+    for shards in (4, 24):
+        with tempfile.TemporaryDirectory() as temporary:
+            folder = Path(temporary)
+            (shard_mib,) = step(folder, "record", str(shards))
+            before, peak = step(folder, "convert")
+            rows.append([
+                f"convert {shards} shards of {SHARD:,}, any process", f"{before:.0f} MiB", f"{peak:.0f} MiB",
+                f"grows by {(peak - before) / shard_mib:.0f} shards of {shard_mib:.1f} MiB",
+            ])  # fmt: skip
+            if shards > 4:
+                before, peak, count = step(folder, "train")
+                rows.append([
+                    f"train on {count:,.0f} transitions", f"{before:.0f} MiB", f"{peak:.0f} MiB", "target: below 1,500 MB"
+                ])  # fmt: skip
+    print_table(["", "before", "peak", ""], rows)
 
 
 if __name__ == "__main__":
-    main()
+    if len(sys.argv) == 1:
+        main()
+    else:
+        {"record": lambda: record(int(sys.argv[2])), "convert": convert, "train": train}[sys.argv[1]]()

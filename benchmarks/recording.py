@@ -1,46 +1,54 @@
-"""What recording costs a DQN that learns: the same learner with and without recorders round its environments."""
+"""What the recorder costs: the same DQN learns in the same environments, with and without it."""
 
 import tempfile
-import time
+from contextlib import ExitStack, closing
+from itertools import count
 from pathlib import Path
 
-import gymnasium
+from measuring import median_ratio, print_table, take_turns
 
+from addressed_dynamics import TransitionRecorder
 from addressed_dynamics.params import DqnBehaviour, load_params
 from addressed_dynamics.recording.dqn import learn
-from addressed_dynamics.recording.recorder import TransitionRecorder
+from addressed_dynamics.recording.plan import make_environment
 
-TRANSITIONS = 8_000
+PARAMS_FILE = Path(__file__).parents[1] / "params.yaml"
+TRANSITIONS = 20_000
 ROUNDS = 5
 
 
-def run(behaviour: DqnBehaviour, copies: int, folder: Path | None) -> tuple[float, float]:
-    """Let the DQN learn; return seconds and processor seconds of a transition."""
-    environments: list[gymnasium.Env] = [gymnasium.make("MountainCar-v0") for _ in range(copies)]
-    wall, processor = time.perf_counter(), time.process_time()
-    if folder is not None:
-        environments = [TransitionRecorder(env, folder / f"env{i:02d}.mcap") for i, env in enumerate(environments)]
-    learn(environments, behaviour, transitions=TRANSITIONS, seed=0, progress=lambda _count: None)
-    for environment in environments:
-        environment.close()
-    return (time.perf_counter() - wall) / TRANSITIONS, (time.process_time() - processor) / TRANSITIONS
+def learn_in(folder: Path | None) -> None:
+    """Let the DQN of params.yaml learn, recorded into `folder` if there is one."""
+    segment = load_params(PARAMS_FILE, "mountaincar").record.segments[0]
+    assert isinstance(segment.behaviour, DqnBehaviour)
+    with ExitStack() as stack:
+        environments = [make_environment(segment.environment) for _ in range(segment.environments)]
+        if folder is not None:
+            recorded = [TransitionRecorder(each, folder / f"{i}.mcap") for i, each in enumerate(environments)]
+            environments = [stack.enter_context(closing(each)) for each in recorded]
+        learn(environments, segment.behaviour, transitions=TRANSITIONS, seed=0, progress=lambda _: None)
 
 
 def main() -> None:
-    """Print the overhead in wall and processor time."""
-    segment = load_params(Path(__file__).parents[1] / "params.yaml", "mountaincar").record.segments[0]
-    if not isinstance(segment.behaviour, DqnBehaviour):
-        message = "the first segment of params.yaml is no dqn"
-        raise TypeError(message)
-    times: dict[bool, list[tuple[float, float]]] = {False: [], True: []}
-    for _ in range(ROUNDS):
-        for recorded in (False, True):
-            with tempfile.TemporaryDirectory() as folder:
-                times[recorded].append(run(segment.behaviour, segment.environments, Path(folder) if recorded else None))
-    for index, clock in enumerate(("wall", "processor")):
-        bare, logged = (min(row[index] for row in times[recorded]) for recorded in (False, True))
-        cost = f"{(logged - bare) * 1e6:.1f} µs more recorded, {100 * (logged / bare - 1):.1f} %"
-        print(f"{clock:>10}: {bare * 1e6:.1f} µs a transition bare, {cost} (target 5 %)")
+    """Print the time per transition with and without the recorder, by both clocks."""
+    rows = []
+    with tempfile.TemporaryDirectory() as temporary:
+        number = count()
+
+        def with_recorder() -> None:
+            folder = Path(temporary) / str(next(number))
+            folder.mkdir()
+            learn_in(folder)
+
+        readings = take_turns({"without": lambda: learn_in(None), "with": with_recorder}, rounds=ROUNDS)
+        without, with_it = readings["without"], readings["with"]
+        for clock, base, more in (("CPU", without.cpu, with_it.cpu), ("wall", without.wall, with_it.wall)):
+            overhead, least = median_ratio(more, base) - 1, min(more) / min(base) - 1
+            rows.append([
+                f"{clock} time", f"{1e6 * min(base) / TRANSITIONS:.0f} µs", f"{1e6 * min(more) / TRANSITIONS:.0f} µs",
+                f"{100 * overhead:+.1f} % (target: below 5)", f"{100 * least:+.1f} %",
+            ])  # fmt: skip
+    print_table(["per transition", "without", "with", "median overhead", "of the best rounds"], rows)
 
 
 if __name__ == "__main__":

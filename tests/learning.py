@@ -63,7 +63,9 @@ def car_samples() -> tuple[FeatureSpec, Samples, Samples]:
     return features, features.samples(train), features.samples(drive((15,) * 4, seed=1))
 
 
-def untrained_model(world: Transitions, members: int = 3, *, seed: int = 0, target: str = "change") -> AddressedDynamics:
+def untrained_model(
+    world: Transitions, members: int = 3, *, seed: int = 0, target: str = "change"
+) -> AddressedDynamics:
     """A model of random networks that fits `world`."""
     features = fit_features(world, target)  # type: ignore[arg-type] # one of its two values
     generator = torch.Generator().manual_seed(seed)

@@ -93,7 +93,9 @@ def test_errors_and_their_summary_equal_a_loop_over_the_episodes() -> None:
         assert summary[group]["episodes"] == len(members)
         for index, name in enumerate(("position", "velocity")):
             per_episode = [
-                np.mean([(predicted[e, t, index].astype(float) - truth().states[e, t + 1, index]) ** 2 for t in range(150)])
+                np.mean(
+                    [(predicted[e, t, index].astype(float) - truth().states[e, t + 1, index]) ** 2 for t in range(150)]
+                )
                 for e in members
             ]
             found = summary[group]["mse"][name]

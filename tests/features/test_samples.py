@@ -15,7 +15,8 @@ def test_their_length_is_the_number_of_rows() -> None:
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"x": torch.zeros(3, 5)}, {"y": torch.zeros(4)}, {"episode": torch.zeros(5).long()}, {"step": torch.arange(1)}]
+    "wrong",
+    [{"x": torch.zeros(3, 5)}, {"y": torch.zeros(4)}, {"episode": torch.zeros(5).long()}, {"step": torch.arange(1)}],
 )
 def test_lengths_and_shapes_that_do_not_fit_are_refused(wrong: dict[str, torch.Tensor]) -> None:
     with pytest.raises(TransitionsError, match="equal lengths"):

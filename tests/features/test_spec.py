@@ -210,7 +210,9 @@ def test_a_description_with_a_key_missing_is_refused(key: str) -> None:
         FeatureSpec.from_json(value)
 
 
-@pytest.mark.parametrize(("key", "found"), [("target", "sideways"), ("scale", [1.0]), ("input_mean", [0.0]), ("scale", 3)])
+@pytest.mark.parametrize(
+    ("key", "found"), [("target", "sideways"), ("scale", [1.0]), ("input_mean", [0.0]), ("scale", 3)]
+)
 def test_a_description_with_a_wrong_value_is_refused(key: str, found: object) -> None:
     with pytest.raises(ModelError, match="incomplete or malformed"):
         FeatureSpec.from_json(fit_features(drive(), "change").to_json() | {key: found})

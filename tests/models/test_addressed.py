@@ -203,9 +203,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
             addressing = untrained_model(WORLDS["car"], seed=10 * seed + number).addressing
             assert addressing is not None
             save_network(folder / "ensemble" / f"seed-{seed}", SavedNetwork(model.ensemble, model.features, {}))
-            save_network(
-                folder / "addressing" / f"seed-{seed}" / variant, SavedNetwork(addressing, model.features, {})
-            )
+            save_network(folder / "addressing" / f"seed-{seed}" / variant, SavedNetwork(addressing, model.features, {}))
     index = {"format": 1, "delivered": {"4": "cost_sensitive", "2": "plain"}, "variants": ["plain", "cost_sensitive"]}
     (folder / "addressing" / "addressing.json").write_text(json.dumps(index))
     return folder
@@ -248,7 +246,7 @@ def test_a_seed_or_variant_that_was_not_trained_is_refused_with_those_that_were(
         AddressedDynamics.load(folder, variant="best")
 
 
-def test_a_folder_that_is_missing_or_incomplete_is_refused(folder: Path, tmp_path: Path) -> None:
+def test_a_folder_that_is_missing_or_incomplete_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ModelError, match="no such model folder"):
         AddressedDynamics.load(tmp_path / "nowhere")
     (tmp_path / "addressing").mkdir()

@@ -146,7 +146,11 @@ def test_metrics_and_confusion_equal_a_loop_over_the_samples(rows: int, members:
 def test_no_samples_are_refused() -> None:
     none = Samples(TRAIN.x[:0], TRAIN.y[:0], TRAIN.episode[:0], TRAIN.step[:0])
     with pytest.raises(TrainingError, match="no samples to train the addressing network on"):
-        next(train_addressing(none, profiles(none), VALIDATION, profiles(VALIDATION), ADDRESSING, seed=0, variant="plain"))
+        next(
+            train_addressing(
+                none, profiles(none), VALIDATION, profiles(VALIDATION), ADDRESSING, seed=0, variant="plain"
+            )
+        )
 
 
 def test_a_loss_that_is_not_finite_ends_training_with_advice() -> None:

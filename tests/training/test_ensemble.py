@@ -1,3 +1,4 @@
+import math
 from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
@@ -116,7 +117,7 @@ def test_epochs_are_numbered_and_count_their_updates() -> None:
     epochs = list(train())
     assert [epoch.index for epoch in epochs] == [1, 2, 3, 4, 5, 6]
     assert [epoch.last for epoch in epochs] == [False] * 5 + [True]
-    per_epoch = -(-(-(-len(TRAIN) // 2)) // 8)
+    per_epoch = math.ceil(math.ceil(len(TRAIN) / 2) / 8)
     assert [epoch.updates for epoch in epochs] == [per_epoch * epoch.index for epoch in epochs]
 
 

@@ -23,7 +23,7 @@ from addressed_dynamics.conversion import convert_recording
 from addressed_dynamics.params import load_params
 
 EPOCHS = 120
-"""More than twice as many as a worker can be ahead of the progress bar: it waits when the pipe to its parent is full."""
+"""Over twice as many as a worker can be ahead of the progress bar: it waits when the pipe to its parent is full."""
 STAGES = {"train_ensemble": "ensemble", "train_addressing": "addressing"}
 """The stages, and the folder of models that each makes."""
 ONE_EPOCH = re.compile(r"[1-9][\d.]*epoch \[")
