@@ -48,7 +48,8 @@ def main() -> None:
             naive = time.perf_counter() - start
             equal = torch.equal(assign_to_bins(losses), expected)
             seconds = take_turns(
-                {"ours": lambda losses=losses: assign_to_bins(losses), "sort": lambda: torch.sort(numbers)}, rounds=ROUNDS
+                {"ours": lambda losses=losses: assign_to_bins(losses), "sort": lambda: torch.sort(numbers)},
+                rounds=ROUNDS,
             )
             ours = min(seconds["ours"].wall)
             ratio = median_ratio(seconds["ours"].wall, seconds["sort"].wall)

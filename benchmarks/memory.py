@@ -1,4 +1,4 @@
-"""The most memory that converting and training take, on a million transitions of a car, each step in its own process."""
+"""The most memory that converting and training take on a million transitions, each step in a process of its own."""
 
 import os
 import resource
@@ -29,9 +29,9 @@ def record(shards: int) -> None:
 
     from addressed_dynamics.envs.mountain_car import mountain_car_step
     from addressed_dynamics.logs import RunInfo, TransitionLogWriter
+    from addressed_dynamics.params import EnvironmentParams
     from addressed_dynamics.recording.plan import make_environment
     from addressed_dynamics.recording.spaces import space_spec
-    from addressed_dynamics.params import EnvironmentParams
 
     spec = space_spec(make_environment(EnvironmentParams(id="MountainCar-v0", kwargs={})))
     info = RunInfo(environment="MountainCar-v0")
@@ -108,7 +108,7 @@ def main() -> None:
             if shards > 4:
                 before, peak, count = step(folder, "train")
                 rows.append([
-                    f"train on {count:,.0f} transitions", f"{before:.0f} MiB", f"{peak:.0f} MiB", "target: below 1,500 MB"
+                    f"train on {count:,.0f} transitions", f"{before:.0f} MiB", f"{peak:.0f} MiB", "target: < 1,500 MB"
                 ])  # fmt: skip
     print_table(["", "before", "peak", ""], rows)
 

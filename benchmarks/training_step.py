@@ -20,7 +20,9 @@ OPTIMISER = OptimiserParams(learning_rate=1e-4, betas=(0.9, 0.99), final_share=1
 Step = Callable[[], object]
 
 
-def stacked_step(members: int, widths: tuple[int, ...], activation: Literal["relu", "tanh"], x: Tensor, y: Tensor) -> Step:
+def stacked_step(
+    members: int, widths: tuple[int, ...], activation: Literal["relu", "tanh"], x: Tensor, y: Tensor
+) -> Step:
     """Return an update of the stack."""
     stack = StackedMLP(members, widths, activation, torch.Generator().manual_seed(0))
     trainer = StackTrainer(stack, squared_error, OPTIMISER, total_updates=1_000_000)

@@ -123,4 +123,16 @@ class StackedMLP(nn.Module):
 def in_chunks(function: Callable[[Tensor], Tensor], x: Float[Tensor, "sample input"], *, sample_dim: int) -> Tensor:
     """Apply `function` to blocks of rows of `x` without gradients and join the results along `sample_dim`."""
     with torch.no_grad():
-        return torch.cat([function(block) for block in torch.split(x, CHUNK_ROWS)], dim=sample_dim)
+        first, *others = torch.split(x, CHUNK_ROWS)
+        result = function(first)
+        if not others:
+            return result
+        # Written to their place at once: small results that are kept between large temporary tensors leave holes on the
+        # heap into which the next temporary does not fit, and a million rows take a gigabyte.
+        shape = list(result.shape)
+        shape[sample_dim] = len(x)
+        joined = result.new_empty(shape)
+        joined.narrow(sample_dim, 0, len(first)).copy_(result)
+        for index, block in enumerate(others, start=1):
+            joined.narrow(sample_dim, index * CHUNK_ROWS, len(block)).copy_(function(block))
+        return joined
