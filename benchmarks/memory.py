@@ -103,7 +103,7 @@ def main() -> None:
             before, peak = step(folder, "convert")
             rows.append([
                 f"convert {shards} shards of {SHARD:,}, any process", f"{before:.0f} MiB", f"{peak:.0f} MiB",
-                f"grows by {(peak - before) / shard_mib:.0f} shards of {shard_mib:.1f} MiB",
+                f"a shard has {shard_mib:.1f} MiB, all have {shards * shard_mib:.0f} MiB",
             ])  # fmt: skip
             if shards > 4:
                 before, peak, count = step(folder, "train")

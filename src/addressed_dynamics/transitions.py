@@ -252,4 +252,3 @@ def _dimension_from_json(value: Any) -> Dimension:
         low=-np.inf if low is None else float(low),
         high=np.inf if high is None else float(high),
     )
-

@@ -32,11 +32,11 @@ ONE_EPOCH = re.compile(r"[1-9][\d.]*epoch \[")
 pytestmark = pytest.mark.slow
 
 
-def long_training() -> dict[str, Any]:
+def long_training(epochs: int = EPOCHS) -> dict[str, Any]:
     """The tiny params with two trainings side by side in each stage, long enough to be cut off."""
-    sides = {"epochs": EPOCHS, "processes": 2}
+    sides = {"epochs": epochs, "processes": 2}
     return EXAMPLE | {
-        "ensemble": EXAMPLE["ensemble"] | sides | {"seeds": [0, 1], "cluster_epochs": EPOCHS},
+        "ensemble": EXAMPLE["ensemble"] | sides | {"seeds": [0, 1], "cluster_epochs": epochs},
         "addressing": EXAMPLE["addressing"] | sides | {"variants": ["cost_sensitive"]},
     }
 
@@ -151,10 +151,11 @@ def test_ctrl_c_ends_a_stage_with_one_line_and_leaves_no_process_and_no_part_of_
     tables: Path, tmp_path: Path
 ) -> None:
     folder = Path(shutil.copytree(tables, tmp_path / "project"))
+    write_params(folder / "params.yaml", car=long_training(epochs=100 * EPOCHS))
     # Returns only when the last process has left the terminal.
     status, said = cut_off("train_ensemble", folder, signal.SIGINT, group=True)
     assert status == 130
     assert "Traceback" not in said
     assert said.splitlines()[-1] == "interrupted"
     assert list((folder / "data" / "models" / "car").iterdir()) == []
-    assert max(epochs_kept(folder)) < EPOCHS
+    assert max(epochs_kept(folder)) < 100 * EPOCHS
