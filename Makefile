@@ -18,10 +18,11 @@ export MLFLOW_DISABLE_TELEMETRY := true
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test ui bench deps clean
+.PHONY: help setup run example test ui bench deps clean
 
 help:
 	@echo "make run     install into $(VENV), run the pipeline, write data/reports/*/report.html"
+	@echo "make example make logs of a pendulum in three formats and go from them to a report (two minutes)"
 	@echo "make test    check format, style, types and imports, then run the tests"
 	@echo "make ui      browse the runs in MLflow (Ctrl-C ends it)"
 	@echo "make bench   measure every speed claim, one after the other"
@@ -49,12 +50,25 @@ $(VENV)/installed: $(VENV)/locked pyproject.toml
 	$(PIP) install --no-deps --no-build-isolation --editable .
 	@touch $@
 
+$(VENV)/checked: $(VENV)/installed requirements-dev.lock
+	@echo "installing $$(grep -c == requirements-dev.lock) packages more, which checks and tests need"
+	$(PIP) install $(LOCKED) -r requirements-dev.lock
+	@touch $@
+
 run: $(VENV)/installed
 	@git rev-parse --git-dir > /dev/null 2>&1 || { echo "error: DVC keeps its records in Git, and this folder is not a \
 	Git repository; clone it, or run 'git init' in it first" >&2; exit 1; }
 	PATH="$(CURDIR)/$(BIN):$$PATH" dvc repro
 
-test: $(VENV)/installed
+# DVC would leave params.yaml as it was for the example, and without its layout.
+example: $(VENV)/installed
+	$(BIN)/python examples/pendulum/make_logs.py
+	@cp params.yaml params.yaml.partial
+	@trap 'mv params.yaml.partial params.yaml' EXIT; trap 'exit 130' INT TERM; PATH="$(CURDIR)/$(BIN):$$PATH" \
+	    dvc exp run -S params_file=examples/pendulum/params.yaml -S 'experiments=[pendulum]' -S 'recorded=[]' \
+	    -S '+imported.pendulum=examples/pendulum/logs'
+
+test: $(VENV)/checked
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy

@@ -5,7 +5,6 @@ from typing import Any
 
 from addressed_dynamics import tracking
 from addressed_dynamics.evaluation.candidates import baseline_candidates, ensemble_candidates, load_ensembles
-from addressed_dynamics.evaluation.rollouts import record_true_rollouts
 from addressed_dynamics.evaluation.suite import (
     evaluate_addressing,
     evaluate_candidate,
@@ -13,6 +12,7 @@ from addressed_dynamics.evaluation.suite import (
     evaluate_rollouts,
     figure_arrays,
 )
+from addressed_dynamics.evaluation.truth import true_rollouts
 from addressed_dynamics.files import atomic_path, save_arrays, write_json
 from addressed_dynamics.models.files import load_network
 from addressed_dynamics.params import EnsembleParams, load_params
@@ -35,7 +35,7 @@ def main(experiment: str, params_file: Path) -> None:
     saved = load_network(models_dir(experiment) / "ensemble" / f"seed-{first}")
     recipe = EnsembleParams.model_validate(saved.notes["params"]["ensemble"], strict=False)
     loss = reported_loss(recipe.loss)
-    truth = record_true_rollouts(params.rollouts, test.spec.observation)
+    truth = true_rollouts(params.rollouts, test)
     candidates = [*ensemble_candidates(models, delivered), *baseline_candidates(models_dir(experiment) / "baselines")]
     results: dict[str, Any] = {"ensemble/oracle": evaluate_oracle(model, test, loss)}
     horizon: list[dict[str, Any]] = []
@@ -47,6 +47,7 @@ def main(experiment: str, params_file: Path) -> None:
     report = {
         "loss": loss,
         "test": {"transitions": len(test), "episodes": len(set(test.episode.tolist()))},
+        "rollouts": {"kind": params.rollouts.kind, "steps": truth.steps, "steps_wanted": params.rollouts.steps},
         "delivered": {"seed": first, "variant": delivered[first]},
         "seeds": {
             str(seed): {variant: evaluate_addressing(each, test, loss) for variant, each in variants.items()}

@@ -42,11 +42,16 @@ def update(root: Path) -> None:
     yaml.indent(mapping=2, sequence=4, offset=2)
     document = yaml.load(root / "dvc.yaml")
     for name, stage in document["stages"].items():
-        data = [dep for dep in stage["deps"] if dep.startswith("data/")]
-        modules = sorted(first_party(root, name))
+        deps = stage.get("do", stage)["deps"]
+        data = [dep for dep in deps if is_data(dep)]
         # Changed in place, because a comment in the file belongs to the node before it.
-        stage["deps"][:] = data + modules
+        deps[:] = data + sorted(first_party(root, name))
     yaml.dump(document, root / "dvc.yaml")
+
+
+def is_data(dep: str) -> bool:
+    """Say whether a dependency is data, of ours or of the user, and no module."""
+    return dep.startswith(("data/", "${"))
 
 
 def _imported(root: Path, tree: ast.Module, *, lazy_too: bool) -> Iterator[str]:

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 from builders import CAR, RUN, append_rows, car_transitions
+from builders import write_log as write_transitions
 
 from addressed_dynamics import conversion
 from addressed_dynamics.conversion import convert_recording
 from addressed_dynamics.errors import LogError, TableError
-from addressed_dynamics.logs import TransitionLogWriter
+from addressed_dynamics.logs import TransitionLogWriter, read_log
 from addressed_dynamics.params import ConvertParams
 from addressed_dynamics.tables import load_transitions, read_table
 from addressed_dynamics.tables.episodes import read_episodes
@@ -86,6 +87,22 @@ def test_several_processes_give_the_same_bytes_as_one(tmp_path: Path, monkeypatc
     assert contents(convert(tmp_path, "two", cores=2)) == one
 
 
+def test_a_log_that_is_read_in_blocks_gives_the_same_rows_and_figures(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = write_recording(tmp_path / "raw")
+    at_once = convert(tmp_path, "whole")
+    monkeypatch.setattr(conversion, "BLOCK_ROWS", 10)
+    in_blocks = convert(tmp_path, "blocks")
+    assert read_table(in_blocks / "tables" / "transitions" / "random-env00-000.parquet").segment == "random"
+    np.testing.assert_array_equal(load_transitions(in_blocks / "tables").observation, whole.observation)
+    assert (in_blocks / "reports" / "data.json").read_text() == (at_once / "reports" / "data.json").read_text()
+    found, expected = (json.loads((each / "tables" / "statistics.json").read_text()) for each in (in_blocks, at_once))
+    assert found["splits"] == expected["splits"]
+    for name, column in expected["train"].items():
+        assert found["train"][name] == pytest.approx(column, rel=1e-12)
+
+
 def test_every_segment_has_episodes_in_every_split_and_tables_agree_with_the_list_of_episodes(tmp_path: Path) -> None:
     write_recording(tmp_path / "raw")
     tables = convert(tmp_path) / "tables"
@@ -126,6 +143,72 @@ def test_the_data_report_counts_duplicates_across_logs_and_shows_the_learner(tmp
     assert report["segments"]["learner"]["behaviour"] == "dqn"
     assert report["segments"]["learner"]["count"] == 6
     assert len((reports / "learner.csv").read_text().splitlines()) == 1 + 6
+
+
+def quality(folder: Path) -> list[dict[str, Any]]:
+    found: list[dict[str, Any]] = json.loads((folder / "reports" / "data.json").read_text())["quality"]
+    return found
+
+
+def test_findings_name_the_log_and_the_episode(tmp_path: Path) -> None:
+    write_recording(tmp_path / "raw")
+    whole = read_log(tmp_path / "raw" / "random-env00-000.mcap").transitions
+    first = whole.select(whole.episode == 200)
+    write_transitions(tmp_path / "raw" / "twice-env00-000.mcap", replace(first, episode=first.episode + 100))
+    found = {(each["kind"], each["dimension"]): each for each in quality(convert(tmp_path))}
+    duplicate = found["duplicate", ""]
+    assert (duplicate["count"], duplicate["of"], duplicate["blocking"]) == (5, 41, False)
+    assert duplicate["first"] == {"log": "twice-env00-000.mcap", "episode": 300, "step": None, "value": None}
+    # The numbers of these logs are random, of all sizes.
+    bounds = found["out_of_bounds", "observation.position"]
+    assert bounds["first"]["log"] == "learner-env00-000.mcap"
+    assert not -1.2 <= bounds["first"]["value"] <= 0.6
+
+
+def test_outliers_are_told_by_all_logs_together(tmp_path: Path) -> None:
+    spec = replace(CAR, observation=tuple(replace(each, low=-np.inf, high=np.inf) for each in CAR.observation))
+    for index, size in enumerate((1.0, 1.0, 1e6)):
+        whole = car_transitions([8], seed=index)
+        states = np.random.default_rng(index).normal(size=(9, 2)).astype(np.float32) * np.float32(size)
+        part = replace(
+            whole, spec=spec, episode=whole.episode + index, observation=states[:-1], next_observation=states[1:]
+        )
+        write_transitions(tmp_path / "raw" / f"part{index}-env00-000.mcap", part)
+    params = PARAMS.model_copy(update={"validation_share": 0.0, "test_share": 0.0})
+    found = [each for each in quality(convert(tmp_path, params=params)) if each["kind"] == "outlier"]
+    assert [each["dimension"] for each in found] == ["observation.position", "observation.velocity"]
+    assert all(each["first"]["log"] == "part2-env00-000.mcap" for each in found)
+
+
+def test_data_from_which_nothing_can_be_learned_is_refused(tmp_path: Path) -> None:
+    whole = car_transitions([30])
+    still = np.full((30, 2), 0.01, dtype=np.float32)
+    write_transitions(tmp_path / "raw" / "a.mcap", replace(whole, observation=still, next_observation=still))
+    params = PARAMS.model_copy(update={"validation_share": 0.0, "test_share": 0.0})
+    with pytest.raises(TableError, match=r"nothing can be learned .*observation\.position: constant over the whole"):
+        convert(tmp_path, params=params)
+    assert not (tmp_path / "out" / "tables").exists()
+
+
+def test_what_the_import_counted_is_in_the_report(tmp_path: Path) -> None:
+    write_recording(tmp_path / "raw")
+    assert "import" not in json.loads((convert(tmp_path) / "reports" / "data.json").read_text())
+    counts = {"read": 9, "not_finite": 2}
+    record = {"files": {"x.mcap": counts}, "totals": counts, "rate_hz": 20.0}
+    (tmp_path / "raw" / "import.json").write_text(json.dumps(record))
+    report = json.loads((convert(tmp_path) / "reports" / "data.json").read_text())
+    assert report["import"] == record
+    assert report["quality"][-1]["kind"] == "non_finite"
+    assert report["quality"][-1]["count"] == 2
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"files": {"x": 3}, "totals": {}}'])
+def test_a_malformed_record_of_an_import_is_refused_in_one_line(tmp_path: Path, text: str) -> None:
+    write_recording(tmp_path / "raw")
+    (tmp_path / "raw" / "import.json").write_text(text)
+    with pytest.raises(TableError, match=r"import\.json: expected the counts of an import") as caught:
+        convert(tmp_path)
+    assert "\n" not in str(caught.value)
 
 
 def flip_byte(path: Path) -> None:

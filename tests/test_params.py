@@ -9,7 +9,9 @@ from example_params import EXAMPLE, write_params
 from pydantic import ValidationError
 
 from addressed_dynamics.errors import ParamsError
-from addressed_dynamics.params import DqnBehaviour, ExperimentParams, load_params
+from addressed_dynamics.params import DqnBehaviour, ExperimentParams, RecordedRollouts, load_params
+
+RECORDED = {"kind": "recorded", "episodes": 3, "steps": 20, "seed": 0}
 
 
 def read(tmp_path: Path, section: Any) -> ExperimentParams:
@@ -38,6 +40,11 @@ def test_a_whole_section_is_read(tmp_path: Path) -> None:
     assert params.ensemble.optimiser.betas == tuple(EXAMPLE["ensemble"]["optimiser"]["betas"])
 
 
+def test_rollouts_may_replay_what_was_recorded(tmp_path: Path) -> None:
+    params = read(tmp_path, changed("evaluation.rollouts", RECORDED))
+    assert params.evaluation.rollouts == RecordedRollouts(kind="recorded", episodes=3, steps=20, seed=0)
+
+
 def test_params_cannot_be_changed(tmp_path: Path) -> None:
     params = read(tmp_path, EXAMPLE)
     with pytest.raises(ValidationError, match="frozen"):
@@ -64,6 +71,11 @@ def test_params_cannot_be_changed(tmp_path: Path) -> None:
         ("record.segments.2.behaviour.action", "left", "car.record.segments.2.behaviour.action: input should be"),
         ("record.segments", [], "car.record.segments: "),
         ("convert.test_share", 0.95, "validation_share + test_share must be below 1"),
+        ("evaluation.rollouts.kind", "recorder", "car.evaluation.rollouts: input tag 'recorder'"),
+        ("evaluation.rollouts.environment.id", 3, "car.evaluation.rollouts.environment.id: input should be"),
+        ("evaluation.rollouts.environment", ..., "car.evaluation.rollouts.environment: missing key"),
+        ("evaluation.rollouts", RECORDED | {"steps": 1}, "car.evaluation.rollouts.steps: input should be greater than"),
+        ("evaluation.rollouts", RECORDED | {"environment": {}}, "car.evaluation.rollouts.environment: unknown key"),
         ("features.target", "relative", "car.features.target: input should be 'absolute' or 'change'"),
     ],
 )

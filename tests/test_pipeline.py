@@ -1,3 +1,4 @@
+import json
 import os
 import re
 import shutil
@@ -5,11 +6,12 @@ import signal
 import subprocess
 import sys
 import time
+import tomllib
 from pathlib import Path
 
 import pytest
 from ruamel.yaml import YAML
-from stage_dependencies import ROOT, first_party
+from stage_dependencies import ROOT, first_party, is_data
 
 from addressed_dynamics.params import load_params
 
@@ -96,22 +98,32 @@ def test_the_scales_are_params_and_name_themselves(file: str) -> None:
     assert document["params_file"] == "params.yaml"
 
 
-def test_the_lock_pins_every_declared_dependency_and_no_build_of_one_machine() -> None:
-    import tomllib
-
-    lines = (ROOT / "requirements.lock").read_text(encoding="utf-8").splitlines()
+def pinned(lock: str) -> set[str]:
+    """The packages in a lock, each at one version."""
+    lines = (ROOT / lock).read_text(encoding="utf-8").splitlines()
     pins = [line for line in lines if not line.startswith("#")]
-    assert all(re.fullmatch(r"[a-z0-9-]+==[0-9][0-9a-z.]*", pin) for pin in pins)
+    assert all(re.fullmatch(r"[a-z0-9-]+==[0-9][0-9a-z.]*", pin) for pin in pins), "no build of one machine"
+    return {pin.partition("==")[0] for pin in pins}
+
+
+def names(requirements: list[str]) -> set[str]:
+    return {re.split(r"[^A-Za-z0-9._-]", each)[0].lower().replace("_", "-").replace(".", "-") for each in requirements}
+
+
+def test_the_locks_pin_every_declared_dependency_once() -> None:
+    runs, checks = pinned("requirements.lock"), pinned("requirements-dev.lock")
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    declared = project["dependencies"] + [name for extra in project["optional-dependencies"].values() for name in extra]
-    names = {re.split(r"[^A-Za-z0-9._-]", wanted)[0].lower().replace("_", "-").replace(".", "-") for wanted in declared}
-    assert names <= {pin.partition("==")[0] for pin in pins}
+    optional = project["optional-dependencies"]
+    assert names(project["dependencies"] + optional["pipeline"]) <= runs
+    assert names(optional["dev"]) <= runs | checks
+    assert not runs & checks
 
 
-@pytest.mark.parametrize("stage", STAGES)
+@pytest.mark.parametrize("stage", [*STAGES, "import_logs"])
 def test_a_stage_depends_on_exactly_the_modules_that_it_imports(stage: str) -> None:
     document = YAML(typ="safe", pure=True).load((ROOT / "dvc.yaml").read_text(encoding="utf-8"))
-    named = {dep for dep in document["stages"][stage]["deps"] if not dep.startswith("data/")}
+    definition = document["stages"][stage]
+    named = {dep for dep in definition.get("do", definition)["deps"] if not is_data(dep)}
     assert f"pipeline/{stage}.py" in named
     assert named == first_party(ROOT, stage), "'make deps' writes them"
 
@@ -187,3 +199,32 @@ def test_a_recording_stopped_by_ctrl_c_fails_and_commits_nothing(tmp_path: Path)
     assert "interrupted; what was recorded stays in" in output
     assert "Traceback" not in output
     assert not (clone / "dvc.lock").exists()
+
+
+@pytest.mark.slow
+def test_an_imported_experiment_is_converted_like_a_recorded_one_and_follows_its_files(tmp_path: Path) -> None:
+    clone = new_clone(tmp_path)
+    rows = [f"{episode},{step / 10},{step % 2}" for episode in range(6) for step in range(20)]
+    (clone / "logs").mkdir()
+    (clone / "logs" / "arm.csv").write_text("\n".join(["episode,angle,push", *rows]))
+    yaml = YAML()
+    document = yaml.load((clone / "params.yaml").read_text(encoding="utf-8"))
+    arm = {key: value for key, value in document["mountaincar"].items() if key != "record"}
+    arm["source"] = {
+        "kind": "csv",
+        "files": ["logs/*.csv"],
+        "observation": {"angle": {"field": "angle", "unit": "rad"}},
+        "action": {"discrete": {"field": "push", "names": ["left", "right"]}},
+        "reward": None,
+        "rate_hz": 10.0,
+        "episode": {"by": "column", "column": "episode"},
+        "min_length": 2,
+    }
+    document |= {"arm": arm, "experiments": ["mountaincar", "arm"], "imported": {"arm": "logs"}}
+    yaml.dump(document, clone / "params.yaml")
+    assert stages_run(dvc(clone, "repro", "convert@arm")) == ["import_logs@arm", "convert@arm"]
+    report = json.loads((clone / "data" / "reports" / "arm" / "data.json").read_text(encoding="utf-8"))
+    assert report["import"]["totals"]["transitions"] == 6 * 19
+    assert stages_run(dvc(clone, "repro", "convert@arm")) == []
+    (clone / "logs" / "more.csv").write_text("\n".join(["episode,angle,push", *rows]))
+    assert stages_run(dvc(clone, "repro", "convert@arm")) == ["import_logs@arm", "convert@arm"]

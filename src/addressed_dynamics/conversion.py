@@ -1,13 +1,13 @@
 """From MCAP logs to Parquet tables with splits, statistics and a data report.
 
 The logs are read twice, each time one per process: first for their episodes, because the split of a short segment
-depends on all of its episodes; then to be written. Reading costs little, and no process ever holds two logs.
+depends on all of its episodes; then to be written. Reading costs little, and no process ever holds a whole large log.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 from pathlib import Path
 from typing import Any
@@ -17,18 +17,27 @@ from jaxtyping import Float64, UInt64
 
 from addressed_dynamics.errors import LogError, TableError
 from addressed_dynamics.files import atomic_path, write_json
-from addressed_dynamics.logs import EpisodeRecord, read_log
+from addressed_dynamics.logs import EpisodeRecord, LogContents, read_episodes
 from addressed_dynamics.params import ConvertParams
 from addressed_dynamics.processes import OrderedMap, worker_processes
-from addressed_dynamics.tables import SPLITS, Split, TransitionTable, assign_splits, write_table
-from addressed_dynamics.tables.coverage import Occupancy, count_duplicates, row_fingerprints
+from addressed_dynamics.tables import SPLITS, Split, TransitionTable, assign_splits, table_writer
+from addressed_dynamics.tables.coverage import Occupancy, count_duplicates, first_duplicate, row_fingerprints
 from addressed_dynamics.tables.episodes import Episode, write_episodes
-from addressed_dynamics.tables.statistics import Moments, column_names, column_values, moments_to_json
+from addressed_dynamics.tables.findings import Finding, find, findings_to_json, refuse_useless
+from addressed_dynamics.tables.imports import ImportRecord, read_import_record
+from addressed_dynamics.tables.quality import Fences, Place, Quality, Tally, outlier_fences, outlier_sample
+from addressed_dynamics.tables.statistics import Moments, Sample, column_names, column_values, moments_to_json
 from addressed_dynamics.tables.summary import data_report, split_sizes, write_learner_curve
-from addressed_dynamics.transitions import SpaceSpec
+from addressed_dynamics.transitions import SpaceSpec, Transitions
 
 LEARNER = "dqn"
 """The behaviour whose episodes make the learning curve."""
+IMPORT_RECORD = "import.json"
+"""What the import of foreign logs counted, beside the logs that it wrote."""
+HISTORY = 1
+"""Steps of an episode that a model has to see before it can predict."""
+BLOCK_ROWS = 2**18
+"""Transitions of a log that are in memory at once, up to the end of an episode."""
 WORKER_BYTES = 8 * 2**20
 """A worker process for every so many bytes of logs: to start one takes as long as to convert about half of them."""
 
@@ -44,6 +53,17 @@ class _LogSummary:
     episodes: tuple[EpisodeRecord, ...]
     ranges: Moments
     """Range of the observations, those after a step included."""
+    sample: Sample
+    """Some of the observations and actions, to tell outliers by."""
+
+    def merge(self, other: _LogSummary) -> _LogSummary:
+        """Add what a later block of the same log holds."""
+        return replace(
+            self,
+            episodes=self.episodes + other.episodes,
+            ranges=self.ranges.merge(other.ranges),
+            sample=self.sample.merge(other.sample),
+        )
 
 
 @dataclass(frozen=True)
@@ -51,12 +71,15 @@ class _Job:
     """One log to convert."""
 
     log: Path
+    spec: SpaceSpec
     target: Path
     splits: dict[int, Split]
     """The split of each episode in the log."""
     segment: str
     low: Float64[np.ndarray, " dimension"]
     high: Float64[np.ndarray, " dimension"]
+    fences: Fences
+    """Where outliers begin."""
     row_group_rows: int
 
 
@@ -69,6 +92,16 @@ class _Figures:
     occupancy: Occupancy
     fingerprints: UInt64[np.ndarray, " step"]
     """Eight bytes per transition, so that duplicates are found across logs."""
+    quality: Quality
+
+    def merge(self, other: _Figures) -> _Figures:
+        """Add the figures of a later block of the same log, but for the fingerprints."""
+        return replace(
+            self,
+            train=self.train.merge(other.train),
+            occupancy=self.occupancy.merge(other.occupancy),
+            quality=self.quality.merge(other.quality),
+        )
 
 
 def convert_recording(
@@ -93,7 +126,8 @@ def convert_recording(
 
     Raises:
         LogError: there are no logs, or one is damaged.
-        TableError: a table cannot be written, or no episode is left to train on.
+        TableError: a table cannot be written, no episode is left to train on, or something is wrong with the data
+            that makes training on it useless.
     """
     logs = _logs(recording)
     with atomic_path(tables) as folder, worker_processes(_processes(logs, cores)) as ordered_map:
@@ -107,7 +141,13 @@ def convert_recording(
             progress(len(found.fingerprints))
         write_episodes(folder / "episodes.parquet", episodes)
         write_json(folder / "statistics.json", _statistics(episodes, figures, recording))
-        _write_report(reports, summaries, episodes, ranges, figures)
+        imported = read_import_record(recording / IMPORT_RECORD)
+        findings = _findings(summaries, figures, imported)
+        refuse_useless(recording, findings)
+        report = _report(summaries, episodes, ranges, figures)
+        report |= {"quality": findings_to_json(findings)} | ({"import": imported.model_dump()} if imported else {})
+        write_json(reports / "data.json", report)
+        _write_learner(reports / "learner.csv", summaries, episodes)
 
 
 def _logs(recording: Path) -> list[Path]:
@@ -145,15 +185,20 @@ def _summaries(recording: Path, logs: Sequence[Path], ordered_map: OrderedMap) -
 
 
 def _summarise(log: Path) -> _LogSummary:
-    contents = read_log(log)
-    transitions = contents.transitions
+    blocks = read_episodes(log, at_least=BLOCK_ROWS)
+    return reduce(_LogSummary.merge, (_summary_of(log, block) for block in blocks))
+
+
+def _summary_of(log: Path, block: LogContents) -> _LogSummary:
+    transitions = block.transitions
     return _LogSummary(
         log=log,
-        segment=contents.run.segment or log.stem,
-        behaviour=contents.run.behaviour,
+        segment=block.run.segment or log.stem,
+        behaviour=block.run.behaviour,
         spec=transitions.spec,
-        episodes=contents.episodes if len(transitions) else (),
+        episodes=block.episodes,
         ranges=Moments.of(transitions.observation).merge(Moments.of(transitions.next_observation)),
+        sample=outlier_sample(transitions),
     )
 
 
@@ -194,14 +239,17 @@ def _jobs(
     dimensions = summaries[0].spec.observation
     low = np.array([dimension.low for dimension in dimensions])
     high = np.array([dimension.high for dimension in dimensions])
+    fences = outlier_fences(summaries[0].spec, reduce(Sample.merge, [summary.sample for summary in summaries]))
     return [
         _Job(
             log=summary.log,
+            spec=summary.spec,
             target=folder / "transitions" / f"{summary.log.stem}.parquet",
             splits={record.episode: splits[record.episode] for record in summary.episodes},
             segment=summary.segment,
             low=np.where(np.isfinite(low), low, ranges.minimum),
             high=np.where(np.isfinite(high), high, ranges.maximum),
+            fences=fences,
             row_group_rows=row_group_rows,
         )
         for summary in summaries
@@ -209,21 +257,35 @@ def _jobs(
 
 
 def _convert(job: _Job) -> _Figures:
-    transitions = read_log(job.log).transitions
+    spec, figures = job.spec, list[_Figures]()
+    with table_writer(job.target, spec, row_group_rows=job.row_group_rows) as write:
+        for block in read_episodes(job.log, at_least=BLOCK_ROWS):
+            table = _table(job, block.transitions)
+            write(table)
+            figures.append(_figures_of(job, table))
+    fingerprints = np.concatenate([each.fingerprints for each in figures])
+    return replace(reduce(_Figures.merge, figures), fingerprints=fingerprints)
+
+
+def _table(job: _Job, transitions: Transitions) -> TransitionTable:
     identifiers, inverse = np.unique(transitions.episode, return_inverse=True)
     try:
         codes = [SPLITS.index(job.splits[int(identifier)]) for identifier in identifiers]
     except KeyError as error:
         message = f"{job.log}: episode {error} has transitions but no record of its end; run the record stage again"
         raise LogError(message) from error
-    table = TransitionTable(transitions, np.array(codes, dtype=np.int8)[inverse], job.segment)
-    write_table(job.target, table, row_group_rows=job.row_group_rows)
+    return TransitionTable(transitions, np.array(codes, dtype=np.int8)[inverse], job.segment)
+
+
+def _figures_of(job: _Job, table: TransitionTable) -> _Figures:
+    transitions = table.transitions
     states = Occupancy.of(transitions.observation, job.low, job.high)
     return _Figures(
         columns=column_names(transitions),
         train=Moments.of(column_values(table.only("train"))),
         occupancy=states.merge(Occupancy.of(transitions.next_observation, job.low, job.high)),
         fingerprints=row_fingerprints(transitions.observation, transitions.action),
+        quality=Quality.of(transitions, log=job.log.name, fences=job.fences, history=HISTORY),
     )
 
 
@@ -235,22 +297,44 @@ def _statistics(episodes: Sequence[Episode], figures: Sequence[_Figures], record
     return {"splits": split_sizes(episodes), "train": moments_to_json(figures[0].columns, train)}
 
 
-def _write_report(
-    reports: Path,
-    summaries: Sequence[_LogSummary],
-    episodes: Sequence[Episode],
-    ranges: Moments,
-    figures: Sequence[_Figures],
-) -> None:
-    behaviours = {summary.segment: summary.behaviour for summary in summaries}
-    report = data_report(
+def _report(
+    summaries: Sequence[_LogSummary], episodes: Sequence[Episode], ranges: Moments, figures: Sequence[_Figures]
+) -> dict[str, Any]:
+    return data_report(
         summaries[0].spec,
         episodes,
-        behaviours,
+        {summary.segment: summary.behaviour for summary in summaries},
         ranges=[(float(low), float(high)) for low, high in zip(ranges.minimum, ranges.maximum, strict=True)],
         occupancy=reduce(Occupancy.merge, [each.occupancy for each in figures]),
         duplicates=count_duplicates(np.concatenate([each.fingerprints for each in figures])),
     )
-    write_json(reports / "data.json", report)
+
+
+def _write_learner(path: Path, summaries: Sequence[_LogSummary], episodes: Sequence[Episode]) -> None:
+    behaviours = {summary.segment: summary.behaviour for summary in summaries}
     learner = [episode for episode in episodes if behaviours[episode.segment] == LEARNER]
-    write_learner_curve(reports / "learner.csv", learner, step_seconds=summaries[0].spec.step_seconds)
+    write_learner_curve(path, learner, step_seconds=summaries[0].spec.step_seconds)
+
+
+def _findings(
+    summaries: Sequence[_LogSummary], figures: Sequence[_Figures], imported: ImportRecord | None
+) -> list[Finding]:
+    return find(
+        reduce(Quality.merge, [each.quality for each in figures]),
+        summaries[0].spec,
+        duplicates=_duplicates(summaries, np.concatenate([each.fingerprints for each in figures])),
+        occupancy=reduce(Occupancy.merge, [each.occupancy for each in figures]),
+        imported=imported.files if imported else {},
+    )
+
+
+def _duplicates(summaries: Sequence[_LogSummary], fingerprints: UInt64[np.ndarray, " step"]) -> Tally:
+    """Count the rows of all logs that are equal to an earlier one; the first is placed by the lengths of episodes."""
+    count, first = count_duplicates(fingerprints), first_duplicate(fingerprints)
+    place, row = None, -1 if first is None else first
+    for summary in summaries:
+        for episode in summary.episodes:
+            if place is None and 0 <= row < episode.length:
+                place = Place(summary.log.name, episode.episode)
+            row -= episode.length
+    return Tally(count, len(fingerprints), place)

@@ -7,23 +7,15 @@ import reprlib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from addressed_dynamics.errors import ParamsError
+from addressed_dynamics.params_base import Count, Positive, Section, Seed, Share
+from addressed_dynamics.params_source import SourceParams
 
-Share = Annotated[float, Field(ge=0.0, le=1.0)]
-Positive = Annotated[float, Field(gt=0.0)]
-Count = Annotated[int, Field(ge=1)]
-Seed = Annotated[int, Field(ge=0, lt=2**31)]
 Action = int | tuple[float, ...]
-
-
-class Section(BaseModel):
-    """Base of all sections: frozen, strictly typed, no keys but the declared ones."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
 
 class EnvironmentParams(Section):
@@ -248,9 +240,10 @@ class BaselinesParams(Section):
     """Networks that are trained at the same time, each in a process with one thread."""
 
 
-class RolloutParams(Section):
-    """Free-running rollouts from true first states under recorded actions."""
+class EnvironmentRollouts(Section):
+    """Free-running rollouts beside an environment that acts under a behaviour no model has seen."""
 
+    kind: Literal["environment"]
     environment: EnvironmentParams
     episodes: Count
     steps: Count
@@ -262,17 +255,32 @@ class RolloutParams(Section):
     """Mean length of a stretch, in steps (geometric)."""
 
 
+class RecordedRollouts(Section):
+    """Free-running rollouts beside stretches of held-out episodes, under the actions recorded there."""
+
+    kind: Literal["recorded"]
+    episodes: Count
+    """Stretches to replay; fewer if the held-out episodes have no more."""
+    steps: Annotated[int, Field(ge=2)]
+    """Steps in a stretch; if no held-out episode is as long, those of the longest."""
+    seed: Seed
+    """Which stretches are taken, if there are more than asked for."""
+
+
 class EvaluationParams(Section):
     """What is measured on held-out episodes."""
 
-    rollouts: RolloutParams
+    rollouts: Annotated[EnvironmentRollouts | RecordedRollouts, Field(discriminator="kind")]
 
 
 class ExperimentParams(Section):
-    """All sections of one experiment."""
+    """All sections of one experiment; its transitions are either recorded or imported."""
 
     title: str
-    record: RecordParams
+    record: RecordParams | None = None
+    """What to record; absent if there is a `source`."""
+    source: SourceParams | None = None
+    """Which logs or tables to import; absent if there is a `record`."""
     convert: ConvertParams
     features: FeatureParams
     ensemble: EnsembleParams
@@ -280,9 +288,19 @@ class ExperimentParams(Section):
     baselines: BaselinesParams
     evaluation: EvaluationParams
 
+    @model_validator(mode="after")
+    def _has_one_origin(self) -> ExperimentParams:
+        if (self.record is None) == (self.source is None):
+            found = "neither" if self.record is None else "both"
+            message = f"an experiment has either 'record' or 'source', but this one has {found}"
+            raise ValueError(message)
+        return self
 
-_ALTERNATIVES = {"dqn", "random", "constant", "greedy", "int", "tuple[float, ...]"}
-"""What pydantic adds to a key's path where a value may have one of several forms."""
+
+_FORMS = {"int", "tuple[float, ...]"}
+"""What pydantic adds to a key's path where a value may be of several types."""
+_CHOOSERS = ("kind", "by")
+"""Keys whose value chooses one of several forms of their section; pydantic adds this value to the path."""
 
 
 def load_params(path: Path, experiment: str) -> ExperimentParams:
@@ -294,16 +312,49 @@ def load_params(path: Path, experiment: str) -> ExperimentParams:
     """
     document = _read_yaml(path)
     if experiment not in document:
-        known = ", ".join(str(name) for name in document if isinstance(document[name], dict)) or "none"
+        sections = [name for name in document if isinstance(document[name], dict) and name != "imported"]
+        known = ", ".join(map(str, sections)) or "none"
         message = f"{path}: there is no experiment '{experiment}' in it (experiments there: {known})"
         raise ParamsError(message)
     try:
         return ExperimentParams.model_validate_json(json.dumps(document[experiment]))
     except ValidationError as error:
-        raise ParamsError(_one_line(path, experiment, error)) from error
+        raise ParamsError(_one_line(path, experiment, document[experiment], error)) from error
     except TypeError as error:
         message = f"{path}: the section '{experiment}' has a value of a kind that params cannot hold ({error})"
         raise ParamsError(message) from error
+
+
+def load_record_params(path: Path, experiment: str) -> RecordParams:
+    """Read the recording plan of `experiment`.
+
+    Raises:
+        ParamsError: as in `load_params`, or the experiment is imported.
+    """
+    plan = load_params(path, experiment).record
+    if plan is None:
+        message = (
+            f"{path}: {experiment}: there is nothing to record, because it has a 'source'; "
+            "name it under 'imported' in params.yaml instead of 'recorded', and run the stage import_logs"
+        )
+        raise ParamsError(message)
+    return plan
+
+
+def load_source_params(path: Path, experiment: str) -> SourceParams:
+    """Read what `experiment` imports.
+
+    Raises:
+        ParamsError: as in `load_params`, or the experiment is recorded.
+    """
+    source = load_params(path, experiment).source
+    if source is None:
+        message = (
+            f"{path}: {experiment}: there is nothing to import, because it has a 'record'; "
+            "name it under 'recorded' in params.yaml instead of 'imported', and run the stage record"
+        )
+        raise ParamsError(message)
+    return source
 
 
 def _read_yaml(path: Path) -> dict[str, Any]:
@@ -327,11 +378,10 @@ def _read_yaml(path: Path) -> dict[str, Any]:
     return document
 
 
-def _one_line(path: Path, experiment: str, error: ValidationError) -> str:
+def _one_line(path: Path, experiment: str, section: Any, error: ValidationError) -> str:
     problems = error.errors()
     first = problems[0]
-    keys = [str(part) for part in first["loc"] if part not in _ALTERNATIVES]
-    where = ".".join([experiment, *keys])
+    where = ".".join([experiment, *_key_path(first["loc"], section)])
     match first["type"]:
         case "extra_forbidden":
             what = "unknown key; check its spelling, or remove it"
@@ -343,3 +393,25 @@ def _one_line(path: Path, experiment: str, error: ValidationError) -> str:
             what = f"{first['msg'][0].lower()}{first['msg'][1:]}, but it is {reprlib.repr(first['input'])}"
     more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
     return f"{path}: {where}: {what}{more}"
+
+
+def _key_path(location: tuple[int | str, ...], section: Any) -> list[str]:
+    """Return the path of a key as it is in the file, without what pydantic adds to it."""
+    keys: list[str] = []
+    place, chosen = section, False
+    for part in location:
+        if part in _FORMS:
+            continue
+        if isinstance(place, dict) and not chosen and part in [place.get(key) for key in _CHOOSERS]:
+            chosen = True
+            continue
+        keys.append(str(part))
+        chosen = False
+        match place:
+            case dict():
+                place = place.get(part)
+            case list() if isinstance(part, int) and part < len(place):
+                place = place[part]
+            case _:
+                place = None
+    return keys

@@ -9,18 +9,14 @@ from learning import drive, untrained_model
 
 from addressed_dynamics.envs.mountain_car import mountain_car_step
 from addressed_dynamics.errors import EvaluationError
-from addressed_dynamics.evaluation.rollouts import (
-    TrueRollouts,
-    error_against_horizon,
-    record_true_rollouts,
-    rollout_errors,
-    summarise_rollouts,
-)
-from addressed_dynamics.params import EnvironmentParams, RolloutParams
+from addressed_dynamics.evaluation.rollouts import error_against_horizon, rollout_errors, summarise_rollouts
+from addressed_dynamics.evaluation.truth import TrueRollouts, record_true_rollouts
+from addressed_dynamics.params import EnvironmentParams, EnvironmentRollouts
 from addressed_dynamics.transitions import Dimension
 
 CONTINUING = "addressed_dynamics/MountainCarContinuing-v0"
-PARAMS = RolloutParams(
+PARAMS = EnvironmentRollouts(
+    kind="environment",
     environment=EnvironmentParams(id=CONTINUING, kwargs={}),
     episodes=12,
     steps=150,
@@ -118,7 +114,10 @@ def test_a_rollout_has_left_the_bounds_when_it_is_outside_by_more_than_a_hundred
 def test_a_dimension_without_bounds_cannot_be_left() -> None:
     unbounded = tuple(replace(dimension, low=-np.inf, high=np.inf) for dimension in CAR_DIMENSIONS)
     far = np.full_like(truth().states[:, 1:], 1e3)
-    assert summarise_rollouts(*errors(far), truth(), unbounded)["left_bounds_share"] == 0.0
+    assert summarise_rollouts(*errors(far), truth(), unbounded)["left_bounds_share"] is None
+    in_part = (CAR_DIMENSIONS[0], unbounded[1])
+    far[..., 0] = truth().states[:, 1:, 0]
+    assert summarise_rollouts(*errors(far), truth(), in_part)["left_bounds_share"] == 0.0
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e30])

@@ -6,15 +6,15 @@ import pytest
 from builders import CAR, RUN, append_rows, assert_same, car_transitions, fill_disk_after, write_log
 from google.protobuf import descriptor_pb2, message_factory
 from hypothesis import given, settings
-from mcap.opcode import Opcode
 from mcap.reader import make_reader
-from mcap.records import Chunk, Message
+from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
 from strategies import transitions
 
 from addressed_dynamics.errors import LogError
 from addressed_dynamics.logs import TransitionLogWriter, read_log, recover_log
-from addressed_dynamics.logs.writer import CHUNK_BYTES
+from addressed_dynamics.logs.container_writer import ContainerWriter
+from addressed_dynamics.logs.log_file import CHUNK_BYTES
 from addressed_dynamics.transitions import DiscreteAction
 
 
@@ -143,27 +143,25 @@ def test_a_block_that_fails_leaves_the_unfinished_log_for_recovery(tmp_path):
     assert_same(read_log(tmp_path / "saved.mcap").transitions, expected)
 
 
-def test_ctrl_c_inside_a_message_never_completes_a_damaged_log(tmp_path, monkeypatch):
+def test_ctrl_c_inside_a_record_never_completes_a_damaged_log(tmp_path, monkeypatch):
     expected = car_transitions([3, 3])
-    write = Message.write
-
-    def interrupted(message, stream):
-        if message.sequence == 4:
-            stream.start_record(Opcode.MESSAGE)
-            raise KeyboardInterrupt
-        write(message, stream)
-
-    monkeypatch.setattr(Message, "write", interrupted)
     writer = TransitionLogWriter(tmp_path / "car.mcap", CAR, run=RUN)
     append_rows(writer, expected, slice(0, 3))
     writer.end_episode(None, cut=False)
-    append_rows(writer, expected, slice(3, 5))
+    append_rows(writer, expected, slice(3, 6))
+    write = ContainerWriter._write
+
+    def interrupted(container, data):
+        write(container, data[: len(data) // 2])
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(ContainerWriter, "_write", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        append_rows(writer, expected, slice(5, 6))
+        writer.end_episode(None, cut=False)
+    monkeypatch.undo()
     writer.close()
     with pytest.raises(LogError, match="the log is closed"):
         append_rows(writer, expected, slice(3, 6))
-    monkeypatch.undo()
     assert [path.name for path in tmp_path.iterdir()] == ["car.mcap.partial"]
     recover_log(writer.partial, tmp_path / "saved.mcap")
     assert_same(read_log(tmp_path / "saved.mcap").transitions, expected.select(slice(0, 3)))

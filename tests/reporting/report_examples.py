@@ -21,10 +21,11 @@ def summary(mean: float) -> dict[str, float]:
     return {"mean": mean, "median": mean / 10, "p99": mean * 3, "max": mean * 1000}
 
 
-def candidate(one_step: float, rollout: float, spaces: SpaceSpec = CAR, *, wall_free: int = 3) -> dict[str, Any]:
-    """A model with these errors, in every dimension."""
+def candidate(one_step: float, rollout: float, spaces: SpaceSpec = CAR, *, wall_free: int | None = 3) -> dict[str, Any]:
+    """A model with these errors, in every dimension; `wall_free` is None where there are no walls."""
     spread = {"median": rollout, "mean": rollout * 2, "p10": rollout / 9, "p90": rollout * 9, "max": rollout * 20}
-    groups = {"all": 5, "no_wall": wall_free, "wall": 5 - wall_free}
+    groups = {"all": 5} if wall_free is None else {"all": 5, "no_wall": wall_free, "wall": 5 - wall_free}
+    bounded = np.isfinite([(each.low, each.high) for each in spaces.observation]).any()
     rollouts = {
         name: {"episodes": size, "mse": {each: spread if size else None for each in spaces.observation_names}}
         for name, size in groups.items()
@@ -37,7 +38,7 @@ def candidate(one_step: float, rollout: float, spaces: SpaceSpec = CAR, *, wall_
         "label": "some model",
         "parameters": 1234,
         "one_step": {"scaled": summary(one_step), "dimensions": dimensions},
-        "rollouts": {"left_bounds_share": 0.25, **rollouts},
+        "rollouts": {"left_bounds_share": 0.25 if bounded else None, **rollouts},
     }
 
 
@@ -71,6 +72,7 @@ def evaluation_json(
     """What evaluate writes, with these one-step and rollout errors of the delivered model and of all others."""
     spaces, members = changes.pop("spaces", CAR), changes.pop("members", 2)
     unused, wall_free = changes.pop("unused", False), changes.pop("wall_free", 3)
+    walls = wall_free is not None
     oracle = candidate(own[0] / 2, 0.0, spaces)
     del oracle["rollouts"]
     own_candidate = candidate(*own, spaces, wall_free=wall_free)
@@ -78,6 +80,7 @@ def evaluation_json(
     return {
         "loss": "mse",
         "test": {"transitions": 300, "episodes": 4},
+        "rollouts": {"kind": "environment" if walls else "recorded", "steps": 30, "steps_wanted": 30 if walls else 50},
         "delivered": {"seed": 0, "variant": "cost_sensitive"},
         "seeds": {"0": tables, "1": tables},
         "candidates": {
@@ -104,6 +107,7 @@ DATA = {
     },
     "coverage": {"cells_per_dimension": 50, "per_dimension": {"position": 1.0, "velocity": 0.9}, "plane": 0.7},
     "duplicates": {"rows": 20, "share": 0.01},
+    "quality": [],
 }
 
 
@@ -143,11 +147,14 @@ def write_results(
     _write_csv(reports / "horizon.csv", [row | dict.fromkeys(percentiles, 1e-5 * row["horizon"]) for row in rows])
     rows = [{"segment": "learning", "return": -200.0 + i, "goal_reached": i % 2} for i in range(6)]
     _write_csv(reports / "learner.csv", rows)
-    np.savez(arrays / "arrays.npz", **example_arrays(spaces, members, unused=unused, samples=samples))
+    walls = changes.get("wall_free", 3) is not None
+    np.savez(arrays / "arrays.npz", **example_arrays(spaces, members, unused=unused, samples=samples, walls=walls))
     return reports, arrays
 
 
-def example_arrays(spaces: SpaceSpec, members: int, *, unused: bool = False, samples: int = 300) -> dict[str, Any]:
+def example_arrays(
+    spaces: SpaceSpec, members: int, *, unused: bool = False, samples: int = 300, walls: bool = True
+) -> dict[str, Any]:
     generator = np.random.default_rng(0)
     width = len(spaces.observation)
     observation = generator.uniform(-0.05, 0.05, (samples, width)).astype(np.float32)
@@ -156,7 +163,8 @@ def example_arrays(spaces: SpaceSpec, members: int, *, unused: bool = False, sam
     profile = 10.0 ** generator.uniform(-12, -3, (members, samples))
     profile[:, 0] = 0.0
     chosen = np.arange(samples) % (members - unused)
-    rollouts = generator.uniform(-0.05, 0.05, (2, 31, width))
+    groups = ["no_wall", "wall"] if walls else ["all"]
+    rollouts = generator.uniform(-0.05, 0.05, (len(groups), 31, width))
     return {
         "observation": observation,
         "action": action,
@@ -169,7 +177,7 @@ def example_arrays(spaces: SpaceSpec, members: int, *, unused: bool = False, sam
         "profile_untrained": profile * 100,
         "rollout_true": rollouts,
         "rollout_predicted": rollouts.astype(np.float32),
-        "rollout_touched": np.array([False, True]),
+        "rollout_group": np.array(groups),
     }
 
 

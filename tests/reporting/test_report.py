@@ -1,4 +1,5 @@
 import dataclasses
+import json
 import re
 from html.parser import HTMLParser
 from pathlib import Path
@@ -7,11 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 from builders import CAR
-from report_examples import origin, write_results
+from report_examples import DATA, origin, write_results
 
-from addressed_dynamics.reporting.blocks import Report, Table
+from addressed_dynamics.reporting.blocks import Block, Report, Table, Text
 from addressed_dynamics.reporting.document import build_report, headline
 from addressed_dynamics.reporting.paper import PAPER
+from addressed_dynamics.reporting.quality import quality_blocks
+from addressed_dynamics.reporting.records import DataResult
 from addressed_dynamics.reporting.render import render_html, render_markdown, write_report
 from addressed_dynamics.reporting.results import load_results
 from addressed_dynamics.transitions import ContinuousAction, Dimension, SpaceSpec
@@ -126,6 +129,107 @@ def test_eight_members_of_which_one_is_never_selected_and_other_spaces_have_a_re
     assert "| here, network 8 | – | 50.0 | 0 | – | – | – |" in markdown
     assert "nan" not in markdown.lower()
     assert {"horizon-angle_2", "map-selected-0"} <= {panel.name for panel in report.panels}
+
+
+@pytest.mark.parametrize("width", [1, 6])
+def test_imported_logs_have_a_report_without_walls_the_paper_s_claims_or_a_learner(tmp_path: Path, width: int) -> None:
+    unbounded = tuple(Dimension(f"joint_{i}", "rad", -np.inf, np.inf) for i in range(width))
+    spaces = SpaceSpec(unbounded, PENDULUM.action, 0.05)
+    reports, arrays = write_results(tmp_path, spaces=spaces, wall_free=None)
+    (reports / "learner.csv").write_text("index,segment,end_step,return,length,goal_reached\n")
+    segments = {"pendulum": {"behaviour": "imported", "count": 6, "transitions": 1000, "goal_share_last_100": 0.0}}
+    coverage = {"cells_per_dimension": 50, "per_dimension": {"joint_0": 1.0}, "plane": None}
+    (reports / "data.json").write_text(json.dumps(DATA | {"segments": segments, "coverage": coverage}))
+    results = load_results(reports, arrays)
+    report = build_report(results, origin(spaces), None)
+    text = render_markdown(report)
+    for absent in ("wall", "leave the bounds", "leaves the bounds", "Table 1", "goal", "nan"):
+        assert absent not in text, absent
+    for claim in ("the paper, ", "held against the paper", "claim"):
+        assert claim not in text, claim
+    assert "5 stretches of 30 steps from held-out episodes" in text
+    assert "the params file asks for 50, but no held-out episode is longer" in text
+    shown = {panel.name for panel in report.panels}
+    assert {f"rollout-0-joint_{i}" for i in range(width)} < shown
+    assert ("map-selected-0" in shown) == (width > 1)
+    assert headline(results, None)["rollout_mse/joint_0"] == 1e-6
+
+
+FINDINGS = [
+    {
+        "kind": "gap",
+        "dimension": "",
+        "count": 3,
+        "of": 1500,
+        "first": {"log": "arm-1.mcap", "episode": 2, "step": 7, "value": 0.4},
+        "blocking": False,
+        "meaning": "gaps in time inside an episode",
+    },
+    {
+        "kind": "non_finite",
+        "dimension": "",
+        "count": 1200,
+        "of": None,
+        "first": {"log": "arm-2.mcap", "episode": None, "step": None, "value": None},
+        "blocking": False,
+        "meaning": "values that are not finite",
+    },
+    {
+        "kind": "stuck",
+        "dimension": "observation.velocity",
+        "count": 2000,
+        "of": 2000,
+        "first": None,
+        "blocking": True,
+        "meaning": "constant over the whole recording",
+    },
+]
+
+
+def section(data: dict[str, Any]) -> tuple[Block, ...]:
+    return quality_blocks(DataResult.model_validate(DATA | data))
+
+
+def test_data_without_fault_is_said_to_be_so() -> None:
+    (text,) = section({})
+    assert isinstance(text, Text)
+    assert text.paragraphs[0].startswith("Nothing was found wrong with the 2,000 transitions")
+
+
+def test_each_finding_has_its_place_and_says_whether_training_goes_on() -> None:
+    (table,) = section({"quality": FINDINGS})
+    assert isinstance(table, Table)
+    assert [row.cells for row in table.rows] == [
+        ("gaps in time inside an episode", "–", "3", "0.2\u202f%", "arm-1.mcap", "2", "7", "0.400", "goes on"),
+        ("values that are not finite", "–", "1,200", "–", "arm-2.mcap", "–", "–", "–", "goes on"),
+        ("constant over the whole recording", "velocity", "2,000", "100.0\u202f%", "–", "–", "–", "–", "stops"),
+    ]
+
+
+@pytest.mark.parametrize(("files", "headers"), [(1, ["arm-0.mcap"]), (2, ["all files", "arm-0.mcap", "arm-1.mcap"])])
+def test_an_import_has_its_counts_by_file(files: int, headers: list[str]) -> None:
+    counts = {f"logs/arm-{index}.mcap": {"messages": 1000, "odd_ones": index} for index in range(files)}
+    _, table = section({"import": {"files": counts, "totals": {"messages": 1000 * files}, "details": {"rate": 3}}})
+    assert isinstance(table, Table)
+    assert [column.header for column in table.columns] == ["Count", "what it is", *headers]
+    messages, odd = (row.cells for row in table.rows)
+    assert messages[:3] == ("messages", "messages of the topics that are used", f"{1000 * files:,}")
+    assert odd[:4] == (("odd ones", "–", "–", "0") if files > 1 else ("odd ones", "–", "–"))
+
+
+def test_an_import_of_many_files_has_its_totals_alone() -> None:
+    counts = {f"logs/arm-{index}.mcap": {"messages": 1000} for index in range(40)}
+    _, table = section({"import": {"files": counts, "totals": {"messages": 40_000}}})
+    assert isinstance(table, Table)
+    assert [row.cells[2:] for row in table.rows] == [("40,000",)]
+    assert "40 files" in table.caption
+
+
+def test_the_quality_of_the_data_is_a_section_of_the_report(report: Report) -> None:
+    titles = [section.title for section in report.sections]
+    assert titles[titles.index("The data") + 1] == "Data quality"
+    assert "Nothing was found wrong" in render_html(report)
+    assert "Nothing was found wrong" in render_markdown(report)
 
 
 def test_a_title_with_markup_is_text_in_the_page(report: Report) -> None:

@@ -83,6 +83,20 @@ def test_what_cannot_be_measured_is_open_and_not_reached() -> None:
     assert "reaches four of the five figures taken from the paper; one could not be measured" in said(found)
 
 
+def test_recorded_rollouts_say_nothing_of_walls_and_leave_what_needs_them_open() -> None:
+    found = evaluation((1e-7, 1e-8), wall_free=None)
+    assert [target.met for target in judge_targets(found, CAR_PAPER)] == [True, True, True, True, None]
+    (rollouts,) = (sentence for sentence in findings(found) if "rollouts" in sentence and "median MSE" in sentence)
+    assert rollouts.startswith("In 5 free-running rollouts of 30 steps beside held-out episodes the median MSE is")
+    assert "wall" not in rollouts
+
+
+def test_an_experiment_that_is_not_in_the_paper_is_not_held_against_its_claims() -> None:
+    text = " ".join(findings(evaluation((1e-9, 1e-6), (1e-6, 1e-5)), in_paper=False))
+    assert "It beats one wide network" in text
+    assert "paper" not in text
+
+
 def test_the_claim_about_the_wide_network_is_held_against_what_it_reached() -> None:
     assert "is not borne out" in said(evaluation((1e-7, 1e-6), (1e-6, 1e-5)))
     assert "is borne out" in said(evaluation((1e-9, 1e-6), (1e-6, 1e-5)))

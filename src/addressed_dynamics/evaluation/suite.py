@@ -11,18 +11,16 @@ from torch import Tensor
 from addressed_dynamics.evaluation.addressing_table import addressing_table
 from addressed_dynamics.evaluation.candidates import Candidate
 from addressed_dynamics.evaluation.one_step import errors_per_dimension, predict_all, scaled_losses, summarise
-from addressed_dynamics.evaluation.rollouts import (
-    TrueRollouts,
-    error_against_horizon,
-    rollout_errors,
-    summarise_rollouts,
-)
+from addressed_dynamics.evaluation.rollouts import error_against_horizon, rollout_errors, summarise_rollouts
+from addressed_dynamics.evaluation.truth import TrueRollouts
 from addressed_dynamics.models.addressed import AddressedDynamics
 from addressed_dynamics.models.stacked import StackedMLP, in_chunks
 from addressed_dynamics.transitions import Transitions
 
 HORIZON_STEP = 10
-"""Steps between two rows of the table of errors against the horizon."""
+"""Most steps between two rows of the table of errors against the horizon."""
+HORIZON_ROWS = 20
+"""Rows that this table has at least, if the rollouts have as many steps."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +85,8 @@ def evaluate_rollouts(candidate: Candidate, truth: TrueRollouts) -> tuple[dict[s
         raise ValueError(message)
     dimensions = candidate.model.features.spaces.observation
     squared, predicted = rollout_errors(candidate.model, truth, candidate.mode)
-    rows = error_against_horizon(squared, dimensions, HORIZON_STEP)
+    every = min(HORIZON_STEP, max(1, truth.steps // HORIZON_ROWS))
+    rows = error_against_horizon(squared, dimensions, every)
     summary = summarise_rollouts(squared, predicted, truth, dimensions)
     return summary, [{"model": candidate.name, **row} for row in rows]
 
@@ -98,12 +97,14 @@ def figure_arrays(
     """Return what the figures show: test transitions with their loss profiles and choices, and typical rollouts.
 
     Arrays: `observation`, `action`, `episode`, `step`, `next_observation`, `predicted` (argmax), `chosen`, `best`,
-    `profile` and `profile_untrained` (member, sample), `rollout_true` and `rollout_predicted` (episode, T + 1, d).
+    `profile` and `profile_untrained` (member, sample), `rollout_true` and `rollout_predicted` (episode, T + 1, d),
+    `rollout_group` (episode).
     """
     members = member_losses(model, test, loss)
     fresh = AddressedDynamics(model.features, untrained, model.addressing)
     chosen = chosen_members(model, test)
-    shown = _typical_episodes(truth)
+    typical = _typical_episodes(truth)
+    shown = list(typical.values())
     first = truth.states[shown, 0].astype(np.float32)
     predicted = model.rollout(first, truth.actions[shown])
     return {
@@ -119,11 +120,11 @@ def figure_arrays(
         "profile_untrained": member_losses(fresh, test, loss).losses.numpy(),
         "rollout_true": truth.states[shown],
         "rollout_predicted": np.concatenate([first[:, None], predicted], axis=1),
-        "rollout_touched": truth.touched_bounds[shown],
+        "rollout_group": np.array(list(typical)),
     }
 
 
-def _typical_episodes(truth: TrueRollouts) -> np.ndarray:
-    """Return one episode without and one with contact of a wall, each the middle one of its kind."""
-    groups = [np.flatnonzero(~truth.touched_bounds), np.flatnonzero(truth.touched_bounds)]
-    return np.array([group[len(group) // 2] for group in groups if len(group)])
+def _typical_episodes(truth: TrueRollouts) -> dict[str, int]:
+    """Return the middle episode of each group in the order of recording; of `all`, if there is no other group."""
+    groups = {name: np.flatnonzero(members) for name, members in truth.groups.items() if members.any()}
+    return {name: int(group[len(group) // 2]) for name, group in groups.items() if name != "all" or len(groups) == 1}

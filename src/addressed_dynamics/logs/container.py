@@ -1,4 +1,4 @@
-"""MCAP as a container: records, chunks and checksums, read whole and checked to the last byte.
+"""MCAP as a container: records, chunks and checksums, read one record at a time and checked to the last byte.
 
 The records of the package `mcap` are used for what is small. Messages are cut out of their chunk as arrays, because one
 Python object per message costs forty times as much. Format: https://mcap.dev/spec.
@@ -11,9 +11,11 @@ import struct
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any, TypeAlias
+from functools import lru_cache
+from typing import Any, BinaryIO, TypeAlias
 
 import numpy as np
+import zstandard
 from jaxtyping import UInt8
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
@@ -34,11 +36,12 @@ MESSAGE_HEADER = np.dtype(
 """What stands before the data of a message."""
 
 _FRAME = struct.Struct("<BQ")
-# Opcode, length and channel: messages that agree in them form a run.
-_SAME = slice(0, 1 + 8 + 2)
+_CHANNEL = struct.Struct("<H")
 # In a chunk record the name of the compression follows three times, a size and a checksum.
 _ZSTD = b"\x04\x00\x00\x00zstd"
 _ZSTD_OFFSET = _FRAME.size + 8 + 8 + 8 + 4
+_WINDOW = 1024 * 1024
+_LARGEST_CHUNK = 2**30
 
 
 class Damage(Exception):
@@ -52,6 +55,22 @@ class Damage(Exception):
         """What is wrong there, as the rest of a sentence that begins with the place."""
 
 
+class Source:
+    """A file to read from anywhere, never more of it than is asked for."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+        self.size = file.seek(0, io.SEEK_END)
+        """Its length in bytes."""
+
+    def read(self, offset: int, length: int) -> bytes:
+        """Return the bytes from `offset` on, fewer than `length` at the end of the file."""
+        if offset > self.size:  # a damaged length may lead further than a file can be sought
+            return b""
+        self._file.seek(offset)
+        return self._file.read(length)
+
+
 @dataclass(frozen=True)
 class Frame:
     """A record of the file, still encoded."""
@@ -59,13 +78,18 @@ class Frame:
     offset: int
     """Where it begins, in bytes from the start of the file."""
     opcode: int
-    body: memoryview
+    body: bytes
     """Its bytes after the opcode and the length."""
 
     @property
     def end(self) -> int:
         """Where the next record begins."""
         return self.offset + _FRAME.size + len(self.body)
+
+    @property
+    def head(self) -> bytes:
+        """The opcode and the length."""
+        return _FRAME.pack(self.opcode, len(self.body))
 
 
 @dataclass(frozen=True)
@@ -87,52 +111,56 @@ Content: TypeAlias = Schema | Channel | Metadata | MessageRun
 """What a file holds, decoded as far as it can be without knowing its schemas."""
 
 
-def frames(data: bytes, start: int) -> Iterator[Frame]:
+def frames(source: Source, start: int) -> Iterator[Frame]:
     """Yield the records from byte `start` to the footer.
 
     Raises:
-        Damage: a record is incomplete, or the data ends without a footer.
+        Damage: a record is incomplete, or the file ends without a footer.
     """
-    view, offset = memoryview(data), start
-    while offset < len(data):
-        if offset + _FRAME.size > len(data):
+    offset = start
+    while offset < source.size:
+        head = source.read(offset, _FRAME.size)
+        if len(head) < _FRAME.size:
             raise Damage(offset, "is the start of a record, but the file ends inside it")
-        opcode, length = _FRAME.unpack_from(data, offset)
-        frame = Frame(offset, opcode, view[offset + _FRAME.size : offset + _FRAME.size + length])
-        if len(frame.body) < length:
-            raise Damage(offset, f"is the start of a record of {length} bytes, but only {len(frame.body)} follow")
+        opcode, length = _FRAME.unpack(head)
+        left = source.size - offset - _FRAME.size
+        if length > left:
+            raise Damage(offset, f"is the start of a record of {length} bytes, but only {left} follow")
+        frame = Frame(offset, opcode, source.read(offset + _FRAME.size, length))
         yield frame
         if opcode == Opcode.FOOTER:
             return
         offset = frame.end
-    raise Damage(len(data), "is the end of the file, but an index should follow: the recording was not finished")
+    raise Damage(source.size, "is the end of the file, but an index should follow: the recording was not finished")
 
 
-def scan(data: bytes) -> Iterator[Content]:
+def scan(source: Source) -> Iterator[Content]:
     """Yield everything in the data section of a file, then the schemas and channels again, and check the whole file.
 
     Raises:
         Damage: the file is incomplete, or any of its checksums, lengths or counts is wrong.
     """
-    if not data.startswith(MAGIC):
+    if source.read(0, len(MAGIC)) != MAGIC:
         raise Damage(0, "should begin an MCAP file, but has another signature")
-    messages = 0
+    messages, checksum = 0, zlib.crc32(MAGIC)
     data_end: Frame | None = None
-    for frame in frames(data, len(MAGIC)):
+    for frame in frames(source, len(MAGIC)):
         if frame.offset == len(MAGIC) and frame.opcode != Opcode.HEADER:
             raise Damage(frame.offset, "should be the header of the file, but is another record")
         if frame.opcode == Opcode.DATA_END:
             data_end = frame
-            _check_data(data, frame)
+            _check_data(frame, checksum)
         elif frame.opcode == Opcode.FOOTER:
-            _check_summary(data, data_end, frame, messages)
+            _check_summary(source, data_end, frame, messages)
         elif data_end is None or frame.opcode in _REPEATED:
-            for content in contents(data, frame):
+            for content in contents(frame):
                 messages += len(content) if isinstance(content, MessageRun) else 0
                 yield content
+        if data_end is None:
+            checksum = zlib.crc32(frame.body, zlib.crc32(frame.head, checksum))
 
 
-def contents(data: bytes, frame: Frame) -> list[Content]:
+def contents(frame: Frame) -> list[Content]:
     """Return what a record of the data section holds: nothing if it is an index.
 
     Raises:
@@ -144,21 +172,21 @@ def contents(data: bytes, frame: Frame) -> list[Content]:
         case Opcode.METADATA:
             return [_parse(Metadata, frame.body, frame.offset)]
         case Opcode.SCHEMA | Opcode.CHANNEL | Opcode.MESSAGE:
-            return list(_records_within(data[frame.offset : frame.end], frame.offset))
+            return list(_records_within(frame.head + frame.body, frame.offset))
         case _:
             return []
 
 
-def summary_contents(data: bytes) -> list[Content]:
+def summary_contents(source: Source) -> list[Content]:
     """Return the schemas and channels that a finished file repeats in its summary; none if there is no sound one."""
     try:
-        footer_offset = len(data) - len(MAGIC) - _FRAME.size - 20
-        (footer_frame,) = frames(data, max(footer_offset, 0))
+        footer_offset = source.size - len(MAGIC) - _FRAME.size - 20
+        (footer_frame,) = frames(source, max(footer_offset, 0))
         footer = _parse(Footer, footer_frame.body, footer_frame.offset)
-        if _summary_checksum(data, footer, footer_frame) != footer.summary_crc:
+        if _summary_checksum(source, footer, footer_frame) != footer.summary_crc:
             return []
-        repeated = [frame for frame in frames(data, footer.summary_start) if frame.opcode in _REPEATED]
-        return [content for frame in repeated for content in contents(data, frame)]
+        repeated = [frame for frame in frames(source, footer.summary_start) if frame.opcode in _REPEATED]
+        return [content for frame in repeated for content in contents(frame)]
     except (Damage, ValueError):
         return []
 
@@ -170,18 +198,27 @@ def as_chunk(frame: Frame) -> Frame:
     return replace(frame, opcode=int(Opcode.CHUNK)) if is_chunk else frame
 
 
-def next_chunk(data: bytes, start: int) -> int | None:
+def next_chunk(source: Source, start: int) -> int | None:
     """Return where the first intact zstd chunk at or after byte `start` begins, trusting no length before it."""
-    found = data.find(_ZSTD, start + _ZSTD_OFFSET)
-    while found >= 0:
+    for found in _occurrences(source, _ZSTD, start + _ZSTD_OFFSET):
         offset = found - _ZSTD_OFFSET
         try:
-            _chunk_payload(next(frames(data, offset)))
+            _chunk_payload(next(frames(source, offset)))
         except Damage:
-            found = data.find(_ZSTD, found + 1)
-        else:
-            return offset
+            continue
+        return offset
     return None
+
+
+def _occurrences(source: Source, wanted: bytes, start: int) -> Iterator[int]:
+    while start < source.size:
+        window = source.read(start, _WINDOW)
+        found = window.find(wanted)
+        while found >= 0:
+            yield start + found
+            found = window.find(wanted, found + 1)
+        # The next window begins before the end of this one, where an occurrence may be cut in two.
+        start += max(len(window) - len(wanted) + 1, 1)
 
 
 _REPEATED = (Opcode.SCHEMA, Opcode.CHANNEL)
@@ -189,9 +226,16 @@ _REPEATED = (Opcode.SCHEMA, Opcode.CHANNEL)
 
 def _chunk_payload(frame: Frame) -> bytes:
     chunk = _parse(Chunk, frame.body, frame.offset)
+    if chunk.uncompressed_size > _LARGEST_CHUNK:
+        raise Damage(frame.offset, f"is a chunk of {chunk.uncompressed_size} bytes, but {_LARGEST_CHUNK} are the most")
     try:
+        # The size within a damaged zstd frame would be believed, and so much memory asked for.
+        if chunk.compression == "zstd" and zstandard.frame_content_size(chunk.data) > chunk.uncompressed_size:
+            raise Damage(frame.offset, "is a chunk that is larger than it says")
         stream, size = get_chunk_data_stream(chunk, validate_crc=True)
         payload: bytes = stream.read(size)
+    except Damage:
+        raise
     except Exception as error:  # zstandard, lz4 and mcap raise a dozen unrelated types on damaged data
         raise Damage(frame.offset, f"is a chunk that cannot be unpacked ({_first_line(error)})") from error
     if len(payload) != chunk.uncompressed_size:
@@ -200,68 +244,89 @@ def _chunk_payload(frame: Frame) -> bytes:
 
 
 def _records_within(payload: bytes, offset: int) -> Iterator[Schema | Channel | MessageRun]:
-    position = 0
+    position, expected = 0, dict[tuple[int, int], int]()
     while position < len(payload):
-        try:
-            record = next(frames(payload, position))
-        except Damage as damage:
-            raise Damage(offset, "is a chunk whose last record is incomplete") from damage
-        if record.opcode == Opcode.MESSAGE:
-            run = _message_run(payload, position, record.end - position, offset)
-            yield run
-            position += run.messages.size
+        size, opcode = _record_within(payload, position, offset)
+        if opcode == Opcode.MESSAGE:
+            if size < MESSAGE_HEADER.itemsize:
+                raise Damage(offset, "is a chunk with a message that is shorter than its header")
+            channel = _CHANNEL.unpack_from(payload, position + _FRAME.size)[0]
+            rows = _equal_messages(payload, position, size, expected.get((channel, size), 1))
+            expected[channel, size] = len(rows)
+            yield MessageRun(offset, channel, rows)
+            position += rows.size
         else:
-            if record.opcode in _REPEATED:
-                yield _parse(Schema if record.opcode == Opcode.SCHEMA else Channel, record.body, offset)
-            position = record.end
+            if opcode in _REPEATED:
+                body = payload[position + _FRAME.size : position + size]
+                yield _parse(Schema if opcode == Opcode.SCHEMA else Channel, body, offset)
+            position += size
 
 
-def _message_run(payload: bytes, position: int, size: int, offset: int) -> MessageRun:
-    """Cut out all messages that follow each other from `position` with the same channel and length."""
-    if size < MESSAGE_HEADER.itemsize:
-        raise Damage(offset, "is a chunk with a message that is shorter than its header")
+def _record_within(payload: bytes, position: int, offset: int) -> tuple[int, int]:
+    """Return the size of the record at `position`, with its head, and its opcode."""
+    left = len(payload) - position - _FRAME.size
+    if left >= 0:
+        opcode, length = _FRAME.unpack_from(payload, position)
+        if length <= left:
+            return _FRAME.size + length, opcode
+    raise Damage(offset, "is a chunk whose last record is incomplete")
+
+
+def _equal_messages(payload: bytes, position: int, size: int, expected: int) -> UInt8[np.ndarray, "message byte"]:
+    """Return all messages that follow each other from `position` with the same channel and length.
+
+    The window that is compared starts with as many as were found the last time and doubles, so that neither long runs
+    nor channels that alternate cost more than the chunk's length.
+    """
     count, limit = 1, (len(payload) - position) // size
-    # The window doubles, so that a chunk in which two channels alternate costs no more than its length.
+    rows = np.frombuffer(payload, _compared(size), limit, position)
+    head, tail = rows["head"], rows["tail"]
+    window = max(2, expected + 1)
     while count < limit:
-        window = min(2 * count, limit)
-        rows = np.frombuffer(payload, np.uint8, window * size, position).reshape(window, size)
-        differs = (rows[count:, _SAME] != rows[0, _SAME]).any(axis=1)
-        if differs.any():
-            count += int(differs.argmax())
+        equal = head[count:window] == head[0]
+        equal &= tail[count:window] == tail[0]
+        if not equal.all():
+            count += int(equal.argmin())
             break
-        count = window
-    rows = np.frombuffer(payload, np.uint8, count * size, position).reshape(count, size)
-    return MessageRun(offset, int(rows[0, : MESSAGE_HEADER.itemsize].view(MESSAGE_HEADER)["channel"][0]), rows)
+        count, window = count + len(equal), 2 * window
+    return np.frombuffer(payload, np.uint8, count * size, position).reshape(count, size)
 
 
-def _check_data(data: bytes, frame: Frame) -> None:
+@lru_cache(maxsize=64)
+def _compared(size: int) -> np.dtype[Any]:
+    """Return a message of so many bytes as its opcode, length and channel, in two pieces that overlap."""
+    return np.dtype({"names": ["head", "tail"], "formats": ["<u8", "<u4"], "offsets": [0, 7], "itemsize": size})
+
+
+def _check_data(frame: Frame, checksum: int) -> None:
     expected = _parse(DataEnd, frame.body, frame.offset).data_section_crc
-    if expected and zlib.crc32(memoryview(data)[: frame.offset]) != expected:
+    if expected and checksum != expected:
         raise Damage(frame.offset, "is the end of the data, whose checksum does not match what is before it")
 
 
-def _check_summary(data: bytes, data_end: Frame | None, frame: Frame, messages: int) -> None:
+def _check_summary(source: Source, data_end: Frame | None, frame: Frame, messages: int) -> None:
     footer = _parse(Footer, frame.body, frame.offset)
     if data_end is None:
         raise Damage(frame.offset, "is the end of the file, but the end of its data was not marked before")
-    if data[frame.end :] != MAGIC:
+    if source.read(frame.end, len(MAGIC) + 1) != MAGIC:
         raise Damage(frame.end, "should be the signature at the end of the file, but is something else")
-    if footer.summary_crc and footer.summary_crc != _summary_checksum(data, footer, frame):
+    if footer.summary_crc and footer.summary_crc != _summary_checksum(source, footer, frame):
         raise Damage(data_end.end, "is the start of the index, which fails its checksum")
     if not footer.summary_start:
         return
-    for record in frames(data, data_end.end):
+    for record in frames(source, data_end.end):
         if record.opcode == Opcode.STATISTICS:
             counted = _parse(Statistics, record.body, record.offset).message_count
             if counted != messages:
                 raise Damage(record.offset, f"says that there are {counted} messages, but {messages} were found")
 
 
-def _summary_checksum(data: bytes, footer: Footer, frame: Frame) -> int:
-    return zlib.crc32(memoryview(data)[footer.summary_start : frame.end - 4])
+def _summary_checksum(source: Source, footer: Footer, frame: Frame) -> int:
+    start = footer.summary_start or frame.offset  # a file without a summary has a checksum of its footer
+    return zlib.crc32(source.read(start, max(frame.end - 4 - start, 0)))
 
 
-def _parse(kind: type[Any], body: memoryview, offset: int) -> Any:
+def _parse(kind: type[Any], body: bytes, offset: int) -> Any:
     try:
         return kind.read(ReadDataStream(io.BytesIO(body)))
     except Exception as error:  # mcap's records raise a dozen unrelated types on damaged data

@@ -57,7 +57,12 @@ class MessageLayout:
 
     def broken(self, messages: UInt8[np.ndarray, "message byte"]) -> Bool[np.ndarray, " message"]:
         """Return which messages are not in this layout: a tag or a length differs."""
-        broken: Bool[np.ndarray, " message"] = ((messages ^ self.template) & self.constant).any(axis=1)
+        differs = messages ^ self.template
+        differs &= self.constant
+        # Down the columns is ten times as fast as along the rows, which only a broken log needs.
+        if not np.bitwise_or.reduce(differs, axis=0).any():
+            return np.zeros(len(messages), np.bool_)
+        broken: Bool[np.ndarray, " message"] = differs.any(axis=1)
         return broken
 
     def scalar(self, rows: Rows, field: str) -> Shaped[np.ndarray, " message"]:

@@ -7,7 +7,9 @@ fixed length are used (`layout.py` relies on it).
 
 import re
 from collections.abc import Sequence
+from functools import lru_cache
 
+import numpy as np
 from google.protobuf.descriptor_pb2 import (
     DescriptorProto,
     EnumDescriptorProto,
@@ -18,7 +20,8 @@ from google.protobuf.descriptor_pb2 import (
 
 from addressed_dynamics.errors import SpaceError
 from addressed_dynamics.logs.contents import Ended
-from addressed_dynamics.transitions import ContinuousAction, SpaceSpec
+from addressed_dynamics.logs.layout import MessageLayout, message_layout
+from addressed_dynamics.transitions import ContinuousAction, Dimension, SpaceSpec
 
 PACKAGE = "addressed_dynamics"
 TRANSITION_SCHEMA = f"{PACKAGE}.Transition"
@@ -57,7 +60,11 @@ def transition_file(spec: SpaceSpec) -> FileDescriptorProto:
     _add_field(message, "next_observation", _Field.TYPE_MESSAGE, f".{TRANSITION_SCHEMA}.Observation")
     _add_field(message, "terminated", _Field.TYPE_BOOL)
     _add_field(message, "truncated", _Field.TYPE_BOOL)
-    return _file("transition", message)
+    file = _file("transition", message)
+    _describe_dimensions(file, 0, spec.observation)
+    if isinstance(spec.action, ContinuousAction):
+        _describe_dimensions(file, 1, spec.action.dimensions)
+    return file
 
 
 def episode_file() -> FileDescriptorProto:
@@ -73,6 +80,18 @@ def episode_file() -> FileDescriptorProto:
     _add_field(message, "length", _Field.TYPE_SFIXED64)
     _add_field(message, "ended", _Field.TYPE_ENUM, f".{EPISODE_SCHEMA}.Ended")
     return _file("episode", message)
+
+
+@lru_cache(maxsize=16)
+def transition_layout(spec: SpaceSpec) -> MessageLayout:
+    """Return the layout of the message of a transition."""
+    return message_layout(transition_file(spec).message_type[0])
+
+
+@lru_cache(maxsize=1)
+def episode_layout() -> MessageLayout:
+    """Return the layout of the record of an episode."""
+    return message_layout(episode_file().message_type[0])
 
 
 def schema_data(file: FileDescriptorProto) -> bytes:
@@ -98,6 +117,18 @@ def _vector_message(name: str, dimensions: Sequence[str]) -> DescriptorProto:
         text = f"two dimensions have the same name ({', '.join(dimensions)}); rename one"
         raise SpaceError(text)
     return message
+
+
+def _describe_dimensions(file: FileDescriptorProto, nested_type: int, dimensions: Sequence[Dimension]) -> None:
+    """Write units and bounds where viewers look for them: in the comments of the fields."""
+    for index, dimension in enumerate(dimensions):
+        bounds = (
+            f"{dimension.low:g} to {dimension.high:g}" if np.isfinite([dimension.low, dimension.high]).all() else ""
+        )
+        if comment := ", ".join(filter(None, [dimension.unit, bounds])):
+            # The path of a comment counts fields of descriptors: message_type 4, nested_type 3, field 2.
+            path = [4, 0, 3, nested_type, 2, index]
+            file.source_code_info.location.add(path=path, span=[0, 0, 0], leading_comments=f" {comment}\n")
 
 
 def _add_field(

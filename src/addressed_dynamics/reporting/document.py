@@ -6,12 +6,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from addressed_dynamics.params import AddressingParams, EnsembleParams
 from addressed_dynamics.reporting import tables
 from addressed_dynamics.reporting.blocks import Block, Facts, Links, Report, Section, Text
 from addressed_dynamics.reporting.figures import comparison, curves, episodes, members
 from addressed_dynamics.reporting.numbers import listed, percent, scientific
 from addressed_dynamics.reporting.paper import CITATION, PaperFigures
+from addressed_dynamics.reporting.quality import quality_blocks
 from addressed_dynamics.reporting.results import Results
 from addressed_dynamics.reporting.targets import judge_targets
 from addressed_dynamics.reporting.verdict import findings, verdict
@@ -53,10 +56,12 @@ def build_report(results: Results, origin: Origin, paper: PaperFigures | None) -
     """
     evaluation = results.evaluation
     targets = judge_targets(evaluation, paper) if paper else ()
+    held_against = " and held against the paper" if paper else ""
     sections = (
         Section("What was run", _run_blocks(results, origin)),
         Section("The data", _data_blocks(results)),
-        Section("Table 1", _table_blocks(results, paper)),
+        Section("Data quality", quality_blocks(results.data)),
+        Section("Table 1" if paper else "Subnetworks", _table_blocks(results, paper)),
         Section("Addressing", _addressing_blocks(results, origin)),
         Section("One step ahead", _one_step_blocks(results, origin)),
         Section("Rollouts", _rollout_blocks(results, origin, paper)),
@@ -67,9 +72,9 @@ def build_report(results: Results, origin: Origin, paper: PaperFigures | None) -
     )
     return Report(
         title=origin.title,
-        subtitle="An error-based addressing architecture, learned from logs and held against the paper",
+        subtitle=f"An error-based addressing architecture, learned from logs{held_against}",
         verdict=verdict(evaluation, targets),
-        findings=findings(evaluation),
+        findings=findings(evaluation, in_paper=paper is not None),
         targets=tables.target_table(targets),
         sections=tuple(section for section in sections if section.blocks),
     )
@@ -117,6 +122,8 @@ def _run_blocks(results: Results, origin: Origin) -> tuple[Block, ...]:
         "Seeds": f"{listed(list(map(str, ensemble.seeds)))}; delivered is seed {results.evaluation.delivered.seed}",
         "Versions": ", ".join(f"{name} {version}" for name, version in origin.versions.items()),
     }
+    if unbounded := [each.name for each in origin.spaces.observation if not np.isfinite([each.low, each.high]).all()]:
+        facts["Scale"] = f"of {listed(unbounded)}: the range of the training data, for lack of bounds"
     if origin.commit:
         facts["Git commit"] = origin.commit
     return (Facts(facts),)
@@ -205,7 +212,7 @@ def _rollout_blocks(results: Results, origin: Origin, paper: PaperFigures | None
     return (
         tables.rollout_table(results.evaluation, paper),
         episodes.error_against_horizon(results.horizon, dimensions),
-        episodes.rollouts(results.arrays, dimensions),
+        episodes.rollouts(results.arrays, dimensions, results.evaluation.rollouts.kind),
     )
 
 

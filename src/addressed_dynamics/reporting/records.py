@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
 
 class Record(BaseModel):
@@ -84,10 +84,18 @@ class RolloutGroup(Record):
 class RolloutResult(Record):
     """Rollout errors of one candidate."""
 
-    left_bounds_share: float
+    left_bounds_share: float | None
+    """None if the state has no bounds."""
     all: RolloutGroup
-    no_wall: RolloutGroup
-    wall: RolloutGroup
+    no_wall: RolloutGroup | None = None
+    """None, like the next, where nothing says that a bound is a wall."""
+    wall: RolloutGroup | None = None
+
+    @property
+    def groups(self) -> dict[str, RolloutGroup]:
+        """The groups that were told apart, by their titles."""
+        named = {"all": self.all, "no wall": self.no_wall, "wall": self.wall}
+        return {title: group for title, group in named.items() if group is not None}
 
 
 class CandidateResult(Record):
@@ -113,11 +121,21 @@ class HeldOut(Record):
     episodes: int
 
 
+class RolloutSource(Record):
+    """What the rollouts are held against."""
+
+    kind: Literal["environment", "recorded"]
+    steps: int
+    steps_wanted: int
+    """As many as the params file asks for; more than `steps` if no held-out episode is as long."""
+
+
 class Evaluation(Record):
     """evaluation.json."""
 
     loss: str
     test: HeldOut
+    rollouts: RolloutSource
     delivered: Delivered
     seeds: dict[str, dict[str, AddressingResult]]
     candidates: dict[str, CandidateResult]
@@ -176,6 +194,33 @@ class Duplicates(Record):
     share: float
 
 
+class PlaceResult(Record):
+    """Where something was found."""
+
+    log: str
+    episode: int | None
+    step: int | None
+    value: float | None
+
+
+class FindingResult(Record):
+    """One thing that is wrong with the data."""
+
+    meaning: str
+    dimension: str
+    count: int
+    of: int | None
+    first: PlaceResult | None
+    blocking: bool
+
+
+class ImportResult(Record):
+    """What the import of foreign logs counted."""
+
+    files: dict[str, dict[str, int]]
+    totals: dict[str, int]
+
+
 class DataResult(Record):
     """data.json."""
 
@@ -184,6 +229,9 @@ class DataResult(Record):
     segments: dict[str, SegmentResult]
     coverage: Coverage
     duplicates: Duplicates
+    quality: tuple[FindingResult, ...]
+    imported: ImportResult | None = Field(default=None, alias="import")
+    """None if the data was recorded by this project."""
 
 
 class AddressingTrainings(Record):

@@ -10,7 +10,7 @@ from typing import TypeVar
 from zipfile import BadZipFile
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from pydantic import TypeAdapter, ValidationError
 
 from addressed_dynamics.errors import ReportError
@@ -44,11 +44,11 @@ class Arrays:
     profile_untrained: Float[np.ndarray, "member sample"]
     """The same before training."""
     rollout_true: Float[np.ndarray, "rollout time observation"]
-    """What the environment did in a few rollouts."""
+    """What really happened in a few rollouts."""
     rollout_predicted: Float[np.ndarray, "rollout time observation"]
     """What the model made of them."""
-    rollout_touched: Bool[np.ndarray, " rollout"]
-    """Whether a wall was touched."""
+    rollout_group: np.ndarray
+    """Group that each of them stands for: `no_wall` and `wall`, or `all`; text (rollout,)."""
 
 
 @dataclass(frozen=True)

@@ -47,7 +47,7 @@ def target_table(targets: Sequence[Target]) -> Table:
 
 
 def paper_table(evaluation: Evaluation, paper: PaperFigures | None) -> Table:
-    """Return Table 1 of the paper beside the delivered model's."""
+    """Return the delivered model's Table 1, beside the paper's if there is one."""
     columns = (
         Column("Network", numeric=False),
         Column("selected", "mean loss, 10⁻⁶"),
@@ -69,9 +69,11 @@ def paper_table(evaluation: Evaluation, paper: PaperFigures | None) -> Table:
         )
         for index, network in enumerate(paper.networks if paper else (), start=1)
     ]
-    rows += [_member_row(f"here, network {k}", member) for k, member in enumerate(evaluation.table.members, start=1)]
+    where = "here, network" if paper else "network"
+    rows += [_member_row(f"{where} {k}", member) for k, member in enumerate(evaluation.table.members, start=1)]
+    which = "Table 1 of the paper, and the same for the delivered model" if paper else "The delivered model"
     caption = (
-        f"Table 1 of the paper, and the same for the delivered model (seed {evaluation.delivered.seed}, "
+        f"{which} (seed {evaluation.delivered.seed}, "
         f"{evaluation.delivered.variant.replace('_', '-')} addressing) on {evaluation.table.samples:,} transitions of "
         f"{evaluation.test.episodes:,} held-out episodes: {evaluation.loss.upper()} of states scaled to [0, 1] of "
         "each network on the points for which the addressing network selects it, and on the others; and the points "
@@ -161,29 +163,39 @@ def one_step_table(evaluation: Evaluation, updates: Mapping[str, int]) -> Table:
 
 
 def rollout_table(evaluation: Evaluation, paper: PaperFigures | None) -> Table:
-    """Return the rollout errors of all candidates, beside the paper's."""
-    names = list(evaluation.own.rollouts.all.mse) if evaluation.own.rollouts else []
-    titles = {"all": "all", "no_wall": "no wall", "wall": "wall"}
+    """Return the rollout errors of all candidates, beside the paper's if there are any."""
+    own = evaluation.own.rollouts
+    names = list(own.all.mse) if own else []
+    titles = list(own.groups) if own else []
+    bounded = own is not None and own.left_bounds_share is not None
     columns = [Column("Model", numeric=False)]
-    columns += [Column(title, f"{name}, median MSE") for name in names for title in titles.values()]
-    columns.append(Column("leave the bounds"))
+    if len(titles) > 1:
+        columns += [Column(title, f"{name}, median MSE") for name in names for title in titles]
+    else:
+        columns += [Column(name, "median MSE") for name in names]
+    columns += [Column("leave the bounds")] if bounded else []
     rows = []
     if paper:
-        cells = [cell for name in names for cell in (_paper_mse(paper, name), "", "")]
-        rows.append(Row(("the paper, one rollout figure", *cells, ""), "reference"))
+        cells = [_paper_mse(paper, name) if title == "all" else "" for name in names for title in titles]
+        rows.append(Row(("the paper, one rollout figure", *cells, *([""] if bounded else [])), "reference"))
     for name, candidate in evaluation.candidates.items():
         if candidate.rollouts is None:
             continue
-        groups: list[RolloutGroup] = [getattr(candidate.rollouts, group) for group in titles]
+        groups = candidate.rollouts.groups.values()
         cells = [_median(group, each) for each in names for group in groups]
         left = candidate.rollouts.left_bounds_share
-        rows.append(Row((candidate.label, *cells, "0" if left == 0 else percent(left)), _kind(name)))
+        cells += [] if left is None else ["0" if left == 0 else percent(left)]
+        rows.append(Row((candidate.label, *cells), _kind(name)))
     caption = (
-        f"Free-running rollouts{_group_sizes(evaluation)}: mean squared error of a whole rollout in the environment's "
-        "units, median over rollouts; and the share of rollouts in which a predicted state leaves the bounds by more "
-        f"than {percent(LEFT_BOUNDS_TOLERANCE, 0)} of their range."
+        f"Free-running rollouts{_rollout_source(evaluation)}: mean squared error of a whole rollout in the units "
+        "of the state, median over rollouts"
     )
-    return Table(caption, tuple(columns), tuple(rows))
+    if bounded:
+        caption += (
+            "; and the share of rollouts in which a predicted state leaves the bounds by more than "
+            f"{percent(LEFT_BOUNDS_TOLERANCE, 0)} of their range"
+        )
+    return Table(f"{caption}.", tuple(columns), tuple(rows))
 
 
 def _paper_mse(paper: PaperFigures, name: str) -> str:
@@ -195,12 +207,23 @@ def _median(group: RolloutGroup, name: str) -> str:
     return MISSING if spread is None else scientific(spread.median)
 
 
-def _group_sizes(evaluation: Evaluation) -> str:
-    rollouts = evaluation.own.rollouts
+def _rollout_source(evaluation: Evaluation) -> str:
+    rollouts, source = evaluation.own.rollouts, evaluation.rollouts
     if rollouts is None:
         return ""
-    free, wall = rollouts.no_wall.episodes, rollouts.wall.episodes
-    return f" ({rollouts.all.episodes:,} in all, {free:,} without and {wall:,} with wall contact)"
+    if rollouts.no_wall and rollouts.wall:
+        free, wall = rollouts.no_wall.episodes, rollouts.wall.episodes
+        return f" ({rollouts.all.episodes:,} in all, {free:,} without and {wall:,} with wall contact)"
+    shorter = (
+        f"; the params file asks for {source.steps_wanted:,}, but no held-out episode is longer"
+        if source.steps < source.steps_wanted
+        else ""
+    )
+    stretches = f"{rollouts.all.episodes:,} stretches" if rollouts.all.episodes > 1 else "one stretch"
+    return (
+        f" beside {stretches} of {source.steps:,} steps from held-out episodes (from the true first state of each, "
+        f"under the actions recorded there{shorter})"
+    )
 
 
 def seed_table(evaluation: Evaluation, delivered: Mapping[str, str]) -> Table:
@@ -230,28 +253,27 @@ def seed_table(evaluation: Evaluation, delivered: Mapping[str, str]) -> Table:
 
 
 def segment_table(data: DataResult) -> Table:
-    """Return what was recorded."""
-    columns = (
+    """Return what was recorded; whether the goal was reached, if an agent learned to reach it."""
+    learned = any(segment.behaviour == "dqn" for segment in data.segments.values())
+    columns = [
         Column("Segment", numeric=False),
         Column("behaviour", numeric=False),
         Column("transitions"),
         Column("episodes"),
-        Column("goal reached, last 100"),
-    )
-    rows = [
-        Row(
-            (name, each.behaviour, count(each.transitions), count(each.count), percent(each.goal_share_last_100, 0)),
-        )
-        for name, each in data.segments.items()
     ]
+    rows = [[name, each.behaviour, count(each.transitions), count(each.count)] for name, each in data.segments.items()]
     splits = listed(
         [f"{each.episodes:,} ({each.transitions:,} transitions) for {name}" for name, each in data.splits.items()]
     )
-    caption = (
-        f"What was recorded. Episodes are kept whole when the data is split: {splits}. The share that reaches the "
-        "goal is 0 by design in segments whose environment does not end at the goal."
-    )
-    return Table(caption, columns, tuple(rows))
+    caption = f"What was recorded. Episodes are kept whole when the data is split: {splits}."
+    if learned:
+        columns.append(Column("goal reached, last 100"))
+        for row, segment in zip(rows, data.segments.values(), strict=True):
+            row.append(percent(segment.goal_share_last_100, 0))
+        caption += (
+            " The share that reaches the goal is 0 by design in segments whose environment does not end at the goal."
+        )
+    return Table(caption, tuple(columns), tuple(Row(tuple(row)) for row in rows))
 
 
 def _kind(name: str) -> str:

@@ -53,11 +53,10 @@ def judge_targets(evaluation: Evaluation, paper: PaperFigures) -> tuple[Target, 
     if evaluation.own.rollouts is not None:
         for name, figure in paper.rollouts.items():
             group = getattr(evaluation.own.rollouts, figure.group)
-            spread = group.mse.get(name)
+            spread = group.mse.get(name) if group else None
+            number = group.episodes if group else 0
             which = (
-                f"all {group.episodes:,} rollouts"
-                if figure.group == "all"
-                else f"the {group.episodes:,} rollouts without wall contact"
+                f"all {number:,} rollouts" if figure.group == "all" else f"the {number:,} rollouts without wall contact"
             )
             targets.append(
                 Target(

@@ -77,24 +77,30 @@ def verdict(evaluation: Evaluation, targets: Sequence[Target]) -> str:
         )
     single = evaluation.baseline("total_parameters")
     if single:
-        sentences.append(
-            f"It {beats(compare(evaluation.own_seeds, single))} one network of the same size that was trained as long."
-        )
+        subject = "It" if targets else "The model"
+        relation = beats(compare(evaluation.own_seeds, single))
+        sentences.append(f"{subject} {relation} one network of the same size that was trained as long.")
     return " ".join(sentences) or "There is nothing to hold the model against."
 
 
-def findings(evaluation: Evaluation) -> tuple[str, ...]:
-    """Return the sentences that the verdict rests on."""
+def findings(evaluation: Evaluation, *, in_paper: bool = True) -> tuple[str, ...]:
+    """Return the sentences that the verdict rests on.
+
+    Args:
+        evaluation: what was measured.
+        in_paper: whether the paper reports on this experiment; if not, its claims are left alone.
+    """
     own = evaluation.own_seeds
     sentences = [_one_step(evaluation), _specialisation(evaluation.table), _addressing(evaluation)]
     if evaluation.own.rollouts is not None:
-        sentences.append(_rollouts(evaluation.own))
-    named = {"total_parameters": "one network with as many parameters", "wide": "the paper's one wide network"}
+        sentences.append(_rollouts(evaluation))
+    wide_network = "the paper's one wide network" if in_paper else "one wide network"
+    named = {"total_parameters": "one network with as many parameters", "wide": wide_network}
     for name, title in named.items():
         if other := evaluation.baseline(name):
             comparisons = compare(own, other)
             sentences.append(f"It {beats(comparisons)} {title}: {_details(comparisons)}.")
-    if wide := evaluation.baseline("wide"):
+    if in_paper and (wide := evaluation.baseline("wide")):
         sentences.append(_wide_claim(own, wide))
     for name, title in {"unequal_bins": "without equal bins", "random_bins": "with fixed random bins"}.items():
         if other := evaluation.baseline(name):
@@ -154,22 +160,29 @@ def _addressing(evaluation: Evaluation) -> str:
     )
 
 
-def _rollouts(own: CandidateResult) -> str:
-    assert own.rollouts is not None
+def _rollouts(evaluation: Evaluation) -> str:
+    rollouts = evaluation.own.rollouts
+    assert rollouts is not None
+    free, wall = rollouts.no_wall, rollouts.wall
     parts = []
-    for name, spread in own.rollouts.all.mse.items():
-        free, wall = own.rollouts.no_wall.mse.get(name), own.rollouts.wall.mse.get(name)
+    for name, spread in rollouts.all.mse.items():
         apart = ""
-        if free and wall:
-            apart = f" ({scientific(free.median)} without wall contact, {scientific(wall.median)} with it)"
+        if free and wall and (without := free.mse.get(name)) and (contact := wall.mse.get(name)):
+            apart = f" ({scientific(without.median)} without wall contact, {scientific(contact.median)} with it)"
         if spread is not None:
             parts.append(f"{scientific(spread.median)} for the {name}{apart}")
-    left, contacts = own.rollouts.left_bounds_share, own.rollouts.wall.episodes
-    return (
-        f"In {own.rollouts.all.episodes:,} free-running rollouts, {contacts:,} of them with wall contact, the median "
-        f"MSE is {listed(parts)}; {percent(left) if left else 'none'} of them leave{'' if left else 's'} the bounds "
-        "of the state space."
-    )
+    several = rollouts.all.episodes > 1
+    number = f"{rollouts.all.episodes:,} free-running rollouts" if several else "a free-running rollout"
+    which = f", {wall.episodes:,} of them with wall contact," if wall else ""
+    if evaluation.rollouts.kind == "recorded":
+        which = f" of {evaluation.rollouts.steps:,} steps beside held-out episodes"
+    return f"In {number}{which} the median MSE is {listed(parts)}{_leaving(rollouts.left_bounds_share)}."
+
+
+def _leaving(share: float | None) -> str:
+    if share is None:
+        return ""
+    return f"; {percent(share) if share else 'none'} of them leave{'' if share else 's'} the bounds of the state space"
 
 
 def _wide_claim(own: Sequence[CandidateResult], wide: Sequence[CandidateResult]) -> str:

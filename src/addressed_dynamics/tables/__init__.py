@@ -5,6 +5,7 @@ from addressed_dynamics.tables.parquet import (
     load_transitions,
     read_table,
     table_files,
+    table_writer,
     write_table,
 )
 from addressed_dynamics.tables.splits import SPLITS, Split, assign_splits
@@ -17,5 +18,6 @@ __all__ = [
     "load_transitions",
     "read_table",
     "table_files",
+    "table_writer",
     "write_table",
 ]

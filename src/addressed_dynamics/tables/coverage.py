@@ -62,6 +62,13 @@ def count_duplicates(fingerprints: UInt64[np.ndarray, " row"]) -> int:
     return len(fingerprints) - len(np.unique(fingerprints))
 
 
+def first_duplicate(fingerprints: UInt64[np.ndarray, " row"]) -> int | None:
+    """Return the first row that is equal to another row before it, or None."""
+    new = np.zeros(len(fingerprints), dtype=bool)
+    new[np.unique(fingerprints, return_index=True)[1]] = True
+    return None if new.all() else int(new.argmin())
+
+
 def _cells(
     observation: Float[np.ndarray, "step dimension"],
     low: Float[np.ndarray, " dimension"],

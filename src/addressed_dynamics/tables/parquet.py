@@ -6,6 +6,8 @@ Spaces and the format's version travel as JSON in the schema's metadata. Each fi
 from __future__ import annotations
 
 import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -54,19 +56,35 @@ class TransitionTable:
 
 def write_table(path: Path, table: TransitionTable, *, row_group_rows: int) -> None:
     """Write `table` to `path`, atomically, in row groups of `row_group_rows` rows."""
-    schema = _schema(table.transitions.spec)
+    with table_writer(path, table.transitions.spec, row_group_rows=row_group_rows) as write:
+        write(table)
+
+
+@contextmanager
+def table_writer(path: Path, spec: SpaceSpec, *, row_group_rows: int) -> Iterator[Callable[[TransitionTable], None]]:
+    """Yield a function that adds a table to the file at `path`, which appears when the block ends well.
+
+    The tables are of these spaces and of one segment; each begins a row group.
+    """
+    schema = _schema(spec)
     floats = [field.name for field in schema if field.type == pa.float32()]
     counters = ["episode", "step", "time_ns"]
-    with atomic_path(path) as temporary:
-        pq.write_table(
-            pa.table(_columns(table), schema=schema),
+    with (
+        atomic_path(path) as temporary,
+        pq.ParquetWriter(
             temporary,
-            row_group_size=row_group_rows,
+            schema,
             compression="zstd",
             use_dictionary=[name for name in ("action", "split", "segment") if name in schema.names],
             column_encoding=dict.fromkeys(floats, "BYTE_STREAM_SPLIT") | dict.fromkeys(counters, "DELTA_BINARY_PACKED"),
             write_page_checksum=True,
-        )
+        ) as writer,
+    ):
+
+        def write(table: TransitionTable) -> None:
+            writer.write_table(pa.table(_columns(table), schema=schema), row_group_size=row_group_rows)
+
+        yield write
 
 
 def read_table(path: Path) -> TransitionTable:

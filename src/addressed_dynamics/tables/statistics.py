@@ -1,4 +1,4 @@
-"""Mean, spread and range of columns, one shard at a time."""
+"""Mean, spread, range and quantiles of columns, one shard at a time."""
 
 from __future__ import annotations
 
@@ -57,6 +57,43 @@ class Moments:
         """Standard deviation of each column, over the rows (not an estimate from a sample of them)."""
         deviation: Float64[np.ndarray, " column"] = np.sqrt(self.squares / max(self.count, 1))
         return deviation
+
+
+SAMPLE_ROWS = 1024
+"""Rows of each shard that its quantiles are taken from: enough to place a quartile within two hundredths."""
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Evenly spaced rows of some columns; samples of parts merge into a sample of the whole."""
+
+    values: Float64[np.ndarray, "row column"]
+    """The rows."""
+    weights: Float64[np.ndarray, " row"]
+    """How many rows each of them stands for."""
+
+    @staticmethod
+    def of(values: Shaped[np.ndarray, "row column"]) -> Sample:
+        """Take at most `SAMPLE_ROWS` rows of `values`."""
+        size = min(len(values), SAMPLE_ROWS)
+        rows = np.linspace(0, len(values) - 1, size).astype(np.int64) if size else np.empty(0, np.int64)
+        return Sample(values[rows].astype(np.float64), np.full(size, len(values) / max(size, 1)))
+
+    def merge(self, other: Sample) -> Sample:
+        """Put the rows of both together."""
+        return Sample(
+            np.concatenate([self.values, other.values]),
+            np.concatenate([self.weights, other.weights]),
+        )
+
+    def quantiles(self, *shares: float) -> Float64[np.ndarray, "share column"]:
+        """Return for each share the value that at least this share of the rows do not exceed; needs rows."""
+        order = self.values.argsort(axis=0, kind="stable")
+        below = self.weights[order].cumsum(axis=0) / self.weights.sum()
+        ordered = np.take_along_axis(self.values, order, axis=0)
+        # A little slack, because the sums of weights are not exact.
+        rows = [(below < share - 1e-9).sum(axis=0).clip(max=len(order) - 1) for share in shares]
+        return np.stack([ordered[row, np.arange(ordered.shape[1])] for row in rows])
 
 
 def column_names(transitions: Transitions) -> list[str]:

@@ -47,19 +47,25 @@ def candidates(evaluation: Evaluation, dimensions: Sequence[Dimension]) -> Figur
                     size=(4.6, 0.9 + 0.23 * len(spreads)),
                 )
             )
-    panels.append(
-        panel(
-            "candidates-bounds",
-            "Share of the rollouts of every candidate that leave the bounds",
-            partial(_shares, named=named),
-            size=(4.6, 0.9 + 0.23 * sum(each.rollouts is not None for each in named.values())),
+    shares = {
+        name: share
+        for name, each in named.items()
+        if each.rollouts and (share := each.rollouts.left_bounds_share) is not None
+    }
+    if shares:
+        panels.append(
+            panel(
+                "candidates-bounds",
+                "Share of the rollouts of every candidate that leave the bounds",
+                partial(_shares, named=named, shares=shares),
+                size=(4.6, 0.9 + 0.23 * len(shares)),
+            )
         )
-    )
     caption = (
         "All candidates; further left is better. One step: mean error (dot) between the median and the 99th "
         "percentile of all test transitions (bar); a mean beyond the bar comes from a few large errors. Rollouts: "
-        "mean squared error of whole rollouts, median (dot) and 10th to 90th percentile (bar) over rollouts; and the "
-        "share of rollouts in which a predicted state leaves the bounds."
+        "mean squared error of whole rollouts, median (dot) and 10th to 90th percentile (bar) over rollouts"
+        f"{'; and the share of rollouts in which a predicted state leaves the bounds' * bool(shares)}."
     )
     return Figure(caption, tuple(panels))
 
@@ -84,8 +90,7 @@ def _ranges(
     _name_rows(axes, [_short(name, named[name]) for name in spreads])
 
 
-def _shares(axes: Axes, named: dict[str, CandidateResult]) -> None:
-    shares = {name: each.rollouts.left_bounds_share for name, each in named.items() if each.rollouts}
+def _shares(axes: Axes, named: dict[str, CandidateResult], shares: dict[str, float]) -> None:
     for place, (name, share) in enumerate(shares.items()):
         axes.plot([0, 100 * share], [place, place], color=_colour(name), linewidth=1.5, alpha=0.5)
         axes.plot(100 * share, place, marker="o", markersize=4.5, color=_colour(name))

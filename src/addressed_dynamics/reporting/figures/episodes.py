@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import partial
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -70,35 +71,37 @@ def one_step_prediction(arrays: Arrays, dimensions: Sequence[Dimension]) -> Figu
     return Figure(caption, panels)
 
 
-def rollouts(arrays: Arrays, dimensions: Sequence[Dimension]) -> Figure:
-    """Draw the true and the predicted course of rollouts, one of each kind."""
+def rollouts(arrays: Arrays, dimensions: Sequence[Dimension], truth: Literal["environment", "recorded"]) -> Figure:
+    """Draw the true and the predicted course of rollouts, one of each group that was told apart."""
     steps = np.arange(arrays.rollout_true.shape[1])
+    titles = [_GROUPS.get(group, "") for group in arrays.rollout_group.tolist()]
 
     def draw(axes: Axes, episode: int, index: int, dimension: Dimension) -> None:
-        axes.plot(steps, arrays.rollout_true[episode, :, index], color="#bdbdbd", linewidth=3.5, label="environment")
+        axes.plot(steps, arrays.rollout_true[episode, :, index], color="#bdbdbd", linewidth=3.5, label=truth)
         axes.plot(steps, arrays.rollout_predicted[episode, :, index], color=MEMBERS[0], linewidth=0.9, label="model")
         axes.set(xlabel="step", ylabel=with_unit(dimension.name, dimension.unit), xlim=(0, steps[-1]))
         axes.legend(loc="lower right", ncols=2, bbox_to_anchor=(1, 1), borderaxespad=0.2)
-        axes.set_title(_kind(bool(arrays.rollout_touched[episode])))
+        axes.set_title(titles[episode])
 
     panels = tuple(
         panel(
             f"rollout-{episode}-{dimension.name}",
-            f"{dimension.name} in a rollout {_kind(bool(arrays.rollout_touched[episode]))}, true and predicted",
+            f"{dimension.name} in a rollout{f' {title}' * bool(title)}, true and predicted",
             partial(draw, episode=episode, index=index, dimension=dimension),
         )
-        for episode in range(len(arrays.rollout_true))
+        for episode, title in enumerate(titles)
         for index, dimension in enumerate(dimensions)
     )
+    which = "One rollout of each kind, the middle one" if len(arrays.rollout_true) > 1 else "The middle one"
     caption = (
         f"Free-running rollouts of {steps[-1]:,} steps: the model sees the true first state and the actions, and from "
-        "then on only its own predictions. One rollout of each kind, the middle one in the order of recording."
+        f"then on only its own predictions. {which} in the order of recording."
     )
     return Figure(caption, panels)
 
 
-def _kind(touched: bool) -> str:
-    return "with wall contact" if touched else "without wall contact"
+_GROUPS = {"no_wall": "without wall contact", "wall": "with wall contact"}
+"""Title of a rollout that stands for its group."""
 
 
 def error_against_horizon(horizon: Mapping[str, Columns], dimensions: Sequence[Dimension]) -> Figure:
@@ -130,7 +133,7 @@ def error_against_horizon(horizon: Mapping[str, Columns], dimensions: Sequence[D
     )
     caption = (
         "Error against horizon in free-running rollouts: median over all rollouts (line) and 10th to 90th percentile "
-        "(band, for the ensemble and the network of the same size), in the environment's units. The delivered model "
+        "(band, for the ensemble and the network of the same size), in the units of the state. The delivered model "
         "and one of each baseline."
     )
     return Figure(caption, panels)

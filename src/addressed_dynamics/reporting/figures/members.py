@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -85,7 +86,8 @@ def state_maps(arrays: Arrays, spaces: SpaceSpec) -> Figure | None:
         return None
     losses = positive(arrays.profile[arrays.chosen, np.arange(len(arrays.chosen))])
     parts = list(_by_action(arrays, spaces))
-    grids = [_grid(arrays.observation[rows, :2], spaces.observation) for _, rows in parts]
+    plane = _Plane.of(arrays.observation[:, :2], spaces.observation[:2])
+    grids = [plane.cells(arrays.observation[rows, :2]) for _, rows in parts]
     means = [_cell_means(losses[rows], cells) for (_, rows), cells in zip(parts, grids, strict=True)]
     low, high = (reduce([np.nanquantile(mean, share) for mean in means]) for reduce, share in ((min, 0.01), (max, 1.0)))
     members = len(arrays.profile)
@@ -98,12 +100,12 @@ def state_maps(arrays: Arrays, spaces: SpaceSpec) -> Figure | None:
             axes: Axes, image: Float[np.ndarray, "y x"] = majority, title: str = f"selected, {title}"
         ) -> None:
             colours = ListedColormap([member_colour(k) for k in range(members)])
-            _draw_map(axes, image, spaces.observation, cmap=colours, vmin=-0.5, vmax=members - 0.5)
+            plane.draw(axes, image, cmap=colours, vmin=-0.5, vmax=members - 0.5)
             axes.set_title(title)
 
         def draw_error(axes: Axes, image: Float[np.ndarray, "y x"] = mean, title: str = f"error, {title}") -> None:
             norm = LogNorm(low, max(high, low * 1.01))
-            mesh = _draw_map(axes, image, spaces.observation, cmap="viridis", norm=norm)
+            mesh = plane.draw(axes, image, cmap="viridis", norm=norm)
             axes.figure.colorbar(mesh, ax=axes, orientation="horizontal", aspect=30, pad=0.02).outline.set_visible(
                 False
             )
@@ -116,9 +118,10 @@ def state_maps(arrays: Arrays, spaces: SpaceSpec) -> Figure | None:
         tall = (size[0], size[1] + 0.35)
         error_panels.append(panel(f"map-error-{index}", f"Map of the error {seen}", draw_error, size=tall))
     names = ", ".join(f"{_COLOUR_NAMES[k % len(_COLOUR_NAMES)]} network {k + 1}" for k in range(members))
+    each = ", one map for each action" if isinstance(spaces.action, DiscreteAction) else ""
     caption = (
         f"Where each network serves, and where the errors are: all {len(losses):,} test transitions in a grid of "
-        f"{CELLS} × {CELLS} cells, one map for each action. Selected: the network selected most often in a cell "
+        f"{CELLS} × {CELLS} cells{each}. Selected: the network selected most often in a cell "
         f"({names}). Error: mean loss (of states scaled to [0, 1]) of the selected network, logarithmic. Blank: no "
         "test data."
     )
@@ -138,19 +141,34 @@ def _by_action(arrays: Arrays, spaces: SpaceSpec) -> Iterator[tuple[str, Bool[np
             yield name.replace("_", " "), rows
 
 
-def _grid(
-    states: Float[np.ndarray, "row 2"], dimensions: tuple[Dimension, ...]
-) -> tuple[Int[np.ndarray, " row"], Int[np.ndarray, " row"]]:
-    """Return the cell of each state along both axes."""
-    low, high = _limits(dimensions)
-    cells = ((states - low) / (high - low) * CELLS).clip(0, CELLS - 1).astype(np.int64)
-    return cells[:, 0], cells[:, 1]
+@dataclass(frozen=True)
+class _Plane:
+    """The plane of the first two dimensions of the state, in cells."""
 
+    dimensions: tuple[Dimension, ...]
+    low: Float[np.ndarray, " 2"]
+    high: Float[np.ndarray, " 2"]
 
-def _limits(dimensions: tuple[Dimension, ...]) -> tuple[Float[np.ndarray, " 2"], Float[np.ndarray, " 2"]]:
-    low, high = np.array([(dimension.low, dimension.high) for dimension in dimensions[:2]]).T
-    # A dimension without bounds is shown within ±10 of its unit; what lies beyond counts to the outermost cells.
-    return np.where(np.isfinite(low), low, -10.0), np.where(np.isfinite(high), high, 10.0)
+    @staticmethod
+    def of(states: Float[np.ndarray, "sample 2"], dimensions: tuple[Dimension, ...]) -> _Plane:
+        """Span the plane between the bounds, and between the data where a bound is infinite."""
+        low, high = np.array([(dimension.low, dimension.high) for dimension in dimensions]).T
+        low = np.where(np.isfinite(low), low, states.min(axis=0))
+        high = np.where(np.isfinite(high), high, states.max(axis=0))
+        return _Plane(dimensions, low, np.where(high > low, high, low + 1.0))
+
+    def cells(self, states: Float[np.ndarray, "row 2"]) -> tuple[Int[np.ndarray, " row"], Int[np.ndarray, " row"]]:
+        """Return the cell of each state along both axes."""
+        cells = ((states - self.low) / (self.high - self.low) * CELLS).clip(0, CELLS - 1).astype(np.int64)
+        return cells[:, 0], cells[:, 1]
+
+    def draw(self, axes: Axes, image: Float[np.ndarray, "y x"], **options: Any) -> Any:
+        """Draw one colour a cell."""
+        x, y = (np.linspace(self.low[axis], self.high[axis], CELLS + 1) for axis in (0, 1))
+        axes.grid(visible=False)
+        first, second = self.dimensions
+        axes.set(xlabel=with_unit(first.name, first.unit), ylabel=with_unit(second.name, second.unit))
+        return axes.pcolormesh(x, y, np.ma.masked_invalid(image), rasterized=True, **options)
 
 
 def _cell_means(
@@ -168,12 +186,3 @@ def _cell_majority(
     votes = np.zeros((members, CELLS, CELLS))
     np.add.at(votes, (chosen, cells[1], cells[0]), 1.0)
     return np.where(votes.sum(axis=0) > 0, votes.argmax(axis=0), np.nan)
-
-
-def _draw_map(axes: Axes, image: Float[np.ndarray, "y x"], dimensions: tuple[Dimension, ...], **options: Any) -> Any:
-    low, high = _limits(dimensions)
-    x, y = (np.linspace(low[axis], high[axis], CELLS + 1) for axis in (0, 1))
-    axes.grid(visible=False)
-    first, second = dimensions[:2]
-    axes.set(xlabel=with_unit(first.name, first.unit), ylabel=with_unit(second.name, second.unit))
-    return axes.pcolormesh(x, y, np.ma.masked_invalid(image), rasterized=True, **options)

@@ -1,0 +1,97 @@
+"""Import of foreign logs, against mcap's own reader that only decodes the same messages."""
+
+import json
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+from mcap.reader import make_reader
+from mcap.writer import Writer
+from mcap_ros2.decoder import DecoderFactory
+from mcap_ros2.writer import Writer as Ros2Writer
+from measuring import median_ratio, print_table, take_turns
+from pydantic import TypeAdapter
+
+from addressed_dynamics.importing import import_logs
+from addressed_dynamics.params_source import SourceParams
+
+SECONDS = 1_000
+ROUNDS = 3
+SOURCE = {
+    "kind": "mcap",
+    "observation": {"joint": {"field": "/joint_states.position[0:2]"}},
+    "action": {"continuous": {"torque": {"field": "/command.torque"}}},
+    "reward": None,
+    "rate_hz": 20.0,
+    "tolerance_s": 0.1,
+    "episode": {"by": "file"},
+    "min_length": 2,
+}
+Message = tuple[str, int, dict[str, object]]
+
+
+def messages() -> list[Message]:
+    """Return states at 20 Hz and commands at 12.5 Hz, in order of time."""
+    states = [("/joint_states", i * 50_000_000, {"position": [i / 7, i % 3]}) for i in range(SECONDS * 20)]
+    commands = [("/command", i * 80_000_000 + 1, {"torque": i / 4}) for i in range(SECONDS * 25 // 2)]
+    return sorted([*states, *commands], key=lambda message: message[1])
+
+
+def write_json_log(path: Path) -> None:
+    """Write the messages as JSON."""
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        channels = {topic: writer.register_channel(topic, "json", 0) for topic in ("/joint_states", "/command")}
+        for topic, time, message in messages():
+            writer.add_message(channels[topic], time, json.dumps(message).encode(), time)
+        writer.finish()
+
+
+def write_ros2_log(path: Path) -> None:
+    """Write the messages as ROS 2 does."""
+    with path.open("wb") as file:
+        writer = Ros2Writer(file)
+        state, command = (
+            writer.register_msgdef(*kind)
+            for kind in (("a/State", "float64[] position"), ("a/Command", "float32 torque"))
+        )
+        schemas = {"/joint_states": state, "/command": command}
+        for topic, time, message in messages():
+            writer.write_message(topic, schemas[topic], message, time, time)
+        writer.finish()
+
+
+def decode_only(path: Path) -> None:
+    """Decode every message with mcap's reader, and keep nothing."""
+    factory = DecoderFactory()
+    with path.open("rb") as file:
+        for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages():
+            decode: Callable[[bytes], object] = factory.decoder_for(channel.message_encoding, schema) or json.loads
+            decode(message.data)
+
+
+def main() -> None:
+    """Print the time of each, and the ratios."""
+    rows = []
+    count = len(messages())
+    for name, write in {"JSON": write_json_log, "ROS 2": write_ros2_log}.items():
+        with tempfile.TemporaryDirectory() as folder:
+            log = Path(folder) / "log.mcap"
+            write(log)
+            source = TypeAdapter(SourceParams).validate_json(json.dumps(SOURCE | {"files": [str(log)]}))
+            contestants = {
+                "import": lambda source=source, folder=folder: import_logs(
+                    source, Path(folder) / "out", name="benchmark", progress=lambda _: None
+                ),
+                "decode": lambda log=log: decode_only(log),
+            }
+            seconds = take_turns(contestants, rounds=ROUNDS)
+        each = 1e6 * min(seconds["import"].wall) / count
+        ratio = median_ratio(seconds["import"].wall, seconds["decode"].wall)
+        rows.append([f"{count:,} messages, {name}", f"{each:.1f} µs", f"{ratio:.2f}x"])
+    print_table(["log", "import, a message", "of decoding alone"], rows)
+
+
+if __name__ == "__main__":
+    main()

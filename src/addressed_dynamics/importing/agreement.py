@@ -1,0 +1,26 @@
+"""What the files of an import have to agree in."""
+
+from collections.abc import Hashable
+
+from addressed_dynamics.errors import LogError
+
+
+class Agreement:
+    """Remembers what was found first, and refuses what differs from it: a schema, the length of an array."""
+
+    def __init__(self) -> None:
+        self._found: dict[str, tuple[Hashable, str]] = {}
+
+    def check(self, what: str, found: Hashable, where: str) -> None:
+        """Compare `found` with what was found first.
+
+        Raises:
+            LogError: they differ; the message names both places.
+        """
+        first, origin = self._found.setdefault(what, (found, where))
+        if first != found:
+            message = (
+                f"{where}: {what} is {found}, but {first} in {origin}; "
+                "import what belongs together, and make other experiments of the rest"
+            )
+            raise LogError(message)

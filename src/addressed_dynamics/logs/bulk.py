@@ -1,0 +1,175 @@
+"""Write arrays of transitions to an MCAP log, whole chunks at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Int64, UInt8
+
+from addressed_dynamics.errors import LogError
+from addressed_dynamics.logs.contents import RunInfo
+from addressed_dynamics.logs.log_file import (
+    CHUNK_BYTES,
+    EPISODE_CHANNEL,
+    TRANSITION_CHANNEL,
+    LogFile,
+    TransitionRows,
+    ended_as,
+    episode_messages,
+    index_entries,
+    message_bytes,
+)
+from addressed_dynamics.transitions import Transitions
+
+
+def write_log(
+    path: Path,
+    transitions: Transitions | Iterable[Transitions],
+    *,
+    run: RunInfo,
+    topic: str = "/env_00",
+    seeds: Sequence[int | None] | None = None,
+) -> None:
+    """Write a log of whole episodes: the same messages as `TransitionLogWriter` writes, in fewer and larger chunks.
+
+    Args:
+        path: the log; it appears when it is complete.
+        transitions: one block of episodes or several of the same spaces, one after the other; memory is needed for one
+            block and one chunk at a time. Log times are those of the transitions and must increase. The last step of
+            an episode is marked truncated if it has no other end.
+        run: where the data comes from.
+        topic: transitions go to the topic `<topic>/transition`, episodes to `/episode`.
+        seeds: the seed of each episode, if known.
+
+    Raises:
+        SpaceError: a dimension has a name that a log cannot hold.
+        LogError: there is no block, the blocks do not fit together, times do not increase, or the file cannot be
+            written.
+    """
+    blocks = iter([transitions] if isinstance(transitions, Transitions) else transitions)
+    first = next(blocks, None)
+    if first is None:
+        message = f"{path}: there is nothing to write, not even a description of spaces; give at least one block"
+        raise LogError(message)
+    file = LogFile(path, first.spec, topic=topic, run=run)
+    try:
+        writer = _BulkWriter(file, iter(seeds or ()))
+        for block in chain([first], blocks):
+            writer.write(block)
+        file.finish()
+    except BaseException:
+        file.abandon()
+        file.partial.unlink()
+        raise
+
+
+@dataclass(frozen=True)
+class _EpisodeEnds:
+    """The records of the episodes of a block."""
+
+    rows: Int64[np.ndarray, " episode"]
+    """Row after the last one of each episode."""
+    messages: UInt8[np.ndarray, "episode byte"]
+    time_ns: Int64[np.ndarray, " episode"]
+
+
+class _BulkWriter:
+    def __init__(self, file: LogFile, seeds: Iterable[int | None]) -> None:
+        self._file = file
+        self._seeds = iter(seeds)
+        self._begin = len(file.container.description)
+        self._row_bytes = message_bytes(file.transition_layout)
+        self._end_bytes = message_bytes(file.episode_layout)
+        self._count, self._last_time = 0, -1
+
+    def write(self, block: Transitions) -> None:
+        """Write one block of whole episodes."""
+        self._check(block)
+        ends = self._ends(block)
+        # Where each row stands in the stream of messages, in which the record of an episode follows its last row.
+        row = np.arange(len(block) + 1)
+        place = row * self._row_bytes + np.searchsorted(ends.rows, row, side="right") * self._end_bytes
+        start = 0
+        room = CHUNK_BYTES - self._begin
+        while start < len(block):
+            stop = max(int(np.searchsorted(place, place[start] + room, side="right")) - 1, start + 1)
+            self._file.do(self._write_chunk, block, ends, start, stop)
+            self._count += stop - start
+            self._file.safe_count = self._count
+            start = stop
+
+    def _check(self, block: Transitions) -> None:
+        if block.spec != self._file.spec:
+            message = f"{self._file.path}: a block has other spaces than the first; keep one environment per log"
+            raise LogError(message)
+        times = np.concatenate([[self._last_time], block.time_ns])
+        backwards = np.flatnonzero(np.diff(times) <= 0)
+        if len(backwards):
+            row = int(backwards[0])
+            message = (
+                f"{self._file.path}: the time of transition {self._count + row} is {times[row + 1]} ns, which is not "
+                f"after that of the one before it ({times[row]} ns); sort them, or write them to different logs"
+            )
+            raise LogError(message)
+        self._last_time = int(times[-1])
+
+    def _ends(self, block: Transitions) -> _EpisodeEnds:
+        slices = list(block.episode_slices())
+        start = np.array([rows.start for rows in slices], np.int64)
+        stop = np.array([rows.stop for rows in slices], np.int64)
+        last = stop - 1
+        step_ns = max(round(block.spec.step_seconds * 1e9), 1)
+        # Before the next transition, wherever that is: times in a log never repeat.
+        following = np.append(block.time_ns, np.iinfo(np.int64).max)[stop]
+        time_ns = np.minimum(block.time_ns[last] + step_ns, following) - 1
+        messages = episode_messages(
+            self._file.episode_layout,
+            episode=block.episode[last],
+            seed=[next(self._seeds, None) for _ in slices],
+            episode_return=np.add.reduceat(block.reward, start, dtype=np.float64) if slices else [],
+            length=stop - start,
+            ended=[ended_as(*flags) for flags in zip(block.terminated[last], block.truncated[last], strict=True)],
+            sequence=self._count + last,
+            time_ns=time_ns,
+        )
+        return _EpisodeEnds(stop, messages, time_ns)
+
+    def _write_chunk(self, block: Transitions, ends: _EpisodeEnds, start: int, stop: int) -> None:
+        rows = self._encode(block, ends, start, stop)
+        first, last = np.searchsorted(ends.rows, [start, stop], side="right").tolist()
+        inside = (ends.rows[first:last] - start).tolist()
+        pieces = [self._file.container.description]
+        for begin, end, message in zip([0, *inside], inside, ends.messages[first:last], strict=False):
+            pieces += [rows.messages[begin:end].reshape(-1), message]
+        pieces.append(rows.messages[inside[-1] if inside else 0 :].reshape(-1))
+        row = np.arange(stop - start)
+        offset = self._begin + row * self._row_bytes
+        offset += np.searchsorted(inside, row, side="right") * self._end_bytes
+        index = {TRANSITION_CHANNEL: index_entries(block.time_ns[start:stop], offset)}
+        if inside:
+            places = self._begin + np.array(inside) * self._row_bytes + np.arange(len(inside)) * self._end_bytes
+            index[EPISODE_CHANNEL] = index_entries(ends.time_ns[first:last], places)
+        self._file.container.write_chunk(np.concatenate(pieces), index)
+
+    def _encode(self, block: Transitions, ends: _EpisodeEnds, start: int, stop: int) -> TransitionRows:
+        part, count = slice(start, stop), stop - start
+        messages = np.empty((count, self._row_bytes), np.uint8)
+        rows = TransitionRows(self._file.transition_layout, block.spec, messages)
+        rows.stamp(count, self._count, block.time_ns[part])
+        rows.episode[:], rows.step[:] = block.episode[part], block.step[part]
+        rows.reward[:] = block.reward[part]
+        rows.terminated[:], rows.truncated[:] = block.terminated[part], block.truncated[part]
+        last = ends.rows[(ends.rows > start) & (ends.rows <= stop)] - start - 1
+        rows.truncated[last] |= ~block.terminated[part][last]
+        for views, values in (
+            (rows.observation, block.observation),
+            (rows.next_observation, block.next_observation),
+            (rows.action, block.action),
+        ):
+            for view, components in views:
+                view[:] = values[part][components]
+        return rows

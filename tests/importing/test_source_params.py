@@ -1,0 +1,91 @@
+"""The section `source`, and that an experiment has either it or a recording plan."""
+
+import copy
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from example_params import EXAMPLE, write_params
+from foreign_logs import SOURCE, json_log, save, states_and_commands
+
+from addressed_dynamics.errors import ParamsError
+from addressed_dynamics.params import load_params, load_record_params, load_source_params
+from addressed_dynamics.sources import read_transitions
+from pipeline import import_logs, record
+
+ROOT = Path(__file__).parents[2]
+WITHOUT_RECORD = {key: value for key, value in EXAMPLE.items() if key != "record"}
+
+
+def params_file(folder: Path, **sections: Any) -> Path:
+    return write_params(folder / "params.yaml", car=WITHOUT_RECORD | sections)
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "what"),
+    [
+        ("kind", "rosbag", "car.source: input tag 'rosbag'"),
+        ("files", [], "car.source.files: "),
+        ("observation.joint.field", "", "car.source.observation.joint.field: "),
+        ("observation.joint.units", "rad", "car.source.observation.joint.units: unknown key"),
+        ("action.discrete", {"field": "/a.b", "names": ["x"]}, "either continuous or discrete; give one of the two"),
+        ("rate_hz", 0.0, "car.source.rate_hz: input should be greater than 0"),
+        ("episode", {"by": "gap"}, "car.source.episode.seconds: missing key"),
+        ("episode", {"by": "column", "column": "c"}, "car.source.episode: input tag 'column'"),
+        ("min_length", 1, "car.source.min_length: input should be greater than or equal to 2"),
+        ("time", "header", "car.source.time: input should be 'log' or 'publish'"),
+    ],
+)
+def test_a_wrong_value_in_a_source_is_one_line_with_the_path_of_its_key(
+    tmp_path: Path, path: str, value: Any, what: str
+) -> None:
+    section = copy.deepcopy(SOURCE)
+    *parents, last = path.split(".")
+    place: Any = section
+    for key in parents:
+        place = place[key]
+    place[last] = value
+    with pytest.raises(ParamsError) as caught:
+        load_params(params_file(tmp_path, source=section), "car")
+    assert what in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("sections", "found"), [({}, "neither"), ({"record": EXAMPLE["record"], "source": SOURCE}, "both")]
+)
+def test_an_experiment_is_either_recorded_or_imported(tmp_path: Path, sections: dict[str, Any], found: str) -> None:
+    with pytest.raises(ParamsError, match=f"either 'record' or 'source', but this one has {found}"):
+        load_params(params_file(tmp_path, **sections), "car")
+
+
+def test_the_stage_of_the_other_kind_says_which_one_to_run(tmp_path: Path) -> None:
+    imported = params_file(tmp_path, source=SOURCE)
+    with pytest.raises(ParamsError, match="car: there is nothing to record, because it has a 'source'"):
+        record.main("car", imported)
+    assert load_source_params(imported, "car").kind == "mcap"
+    recorded = params_file(tmp_path, record=EXAMPLE["record"])
+    with pytest.raises(ParamsError, match="car: there is nothing to import, because it has a 'record'"):
+        import_logs.main("car", recorded)
+    assert load_record_params(recorded, "car").segments
+
+
+def test_the_stage_starts_without_the_libraries_that_take_seconds_to_import() -> None:
+    check = "import sys, pipeline.import_logs; print({'torch', 'mlflow', 'gymnasium', 'minari'} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", check], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "set()"
+
+
+def test_the_stage_leaves_whole_recordings_or_the_one_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    params = params_file(tmp_path, source=SOURCE)
+    save(tmp_path, a=json_log(states_and_commands()))
+    import_logs.main("car", params)
+    before = read_transitions(tmp_path / "data" / "raw" / "car")
+    save(tmp_path, b=json_log(states_and_commands())[:-50])
+    with pytest.raises(Exception, match=r"b\.mcap: byte"):
+        import_logs.main("car", params)
+    assert len(read_transitions(tmp_path / "data" / "raw" / "car")) == len(before) == 9
+    assert [each.name for each in (tmp_path / "data" / "raw").iterdir()] == ["car"]

@@ -1,0 +1,87 @@
+"""The example that ships with the project: from three foreign logs to a report, as README.md beside it says."""
+
+import hashlib
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from example_params import write_params
+from ruamel.yaml import YAML
+
+from addressed_dynamics.params import load_params
+from addressed_dynamics.tables import load_transitions
+
+ROOT = Path(__file__).parents[1]
+EXAMPLE = ROOT / "examples" / "pendulum"
+ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
+STAGES = ("import_logs", "convert", "train_ensemble", "train_addressing", "train_baselines", "evaluate", "report")
+ALL_STAGES = f"""
+from importlib import import_module
+from pathlib import Path
+for stage in {STAGES}:
+    import_module(f"pipeline.{{stage}}").main("pendulum", Path("params.yaml"))
+"""
+"""In one process, which imports torch and MLflow once."""
+
+
+def run(folder: Path, *arguments: str) -> None:
+    done = subprocess.run(
+        [sys.executable, *arguments], cwd=folder, env=ENVIRONMENT, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def make_logs(folder: Path, *, seed: int = 0) -> dict[str, str]:
+    """Write short logs; return the hash of each."""
+    script = str(EXAMPLE / "make_logs.py")
+    run(ROOT, script, "--out", str(folder), "--episodes", "4", "--seconds", "6", "--seed", str(seed))
+    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(folder.iterdir())}
+
+
+def short_params(folder: Path) -> None:
+    """Write the example's params with little training and short rollouts."""
+    section = YAML(typ="safe", pure=True).load((EXAMPLE / "params.yaml").read_text(encoding="utf-8"))["pendulum"]
+    section["source"]["files"] = ["logs/*.mcap"]
+    for part in (section["ensemble"], section["addressing"], section["baselines"]["addressing"]):
+        part["epochs"] = 2
+    section["ensemble"] |= {"seeds": [0], "cluster_epochs": 2}
+    section["baselines"]["train"] = ["total_parameters"]
+    section["evaluation"]["rollouts"]["steps"] = 30
+    write_params(folder / "params.yaml", pendulum=section)
+
+
+def test_the_params_of_the_example_are_params_and_name_themselves() -> None:
+    params = load_params(EXAMPLE / "params.yaml", "pendulum")
+    assert params.record is None
+    document = YAML(typ="safe", pure=True).load((EXAMPLE / "params.yaml").read_text(encoding="utf-8"))
+    assert document["params_file"] == (EXAMPLE / "params.yaml").relative_to(ROOT).as_posix()
+    assert document["experiments"] == list(document["imported"]) == ["pendulum"]
+
+
+@pytest.mark.slow
+def test_the_same_seed_makes_the_same_logs_and_another_makes_others(tmp_path: Path) -> None:
+    first = make_logs(tmp_path / "first")
+    assert list(first) == ["json.mcap", "protobuf.mcap", "ros2.mcap"]
+    assert make_logs(tmp_path / "again") == first
+    assert not set(make_logs(tmp_path / "other", seed=1).values()) & set(first.values())
+
+
+@pytest.mark.slow
+def test_logs_in_three_encodings_go_all_the_way_to_a_report(tmp_path: Path) -> None:
+    make_logs(tmp_path / "logs")
+    short_params(tmp_path)
+    run(tmp_path, "-c", ALL_STAGES)
+    transitions = load_transitions(tmp_path / "data" / "tables" / "pendulum")
+    assert len(list(transitions.episode_slices())) == 3 * 4
+    assert transitions.spec.observation_names == ("angle", "speed")
+    assert abs(transitions.observation[:, 0]).max() < 1.7
+    reports = tmp_path / "data" / "reports" / "pendulum"
+    evaluation = json.loads((reports / "evaluation.json").read_text())
+    assert evaluation["rollouts"] == {"kind": "recorded", "steps": 30, "steps_wanted": 30}
+    assert set(evaluation["candidates"]["ensemble/argmax"]["rollouts"]["all"]["mse"]) == {"angle", "speed"}
+    report = (reports / "report.html").read_text(encoding="utf-8")
+    assert "steps from held-out episodes" in report
+    assert "wall" not in report
