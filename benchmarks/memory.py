@@ -5,9 +5,14 @@ import resource
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from measuring import print_table
+
+if TYPE_CHECKING:
+    from addressed_dynamics.transitions import Transitions
 
 EXPERIMENT = "mountaincar"
 PARAMS_FILE = Path(__file__).parents[1] / "params.yaml"
@@ -54,6 +59,39 @@ def record(shards: int) -> None:
                 writer.end_episode(None, cut=False)
     row_bytes = 8 + 4 + 8 + 2 * 4 + 8 + 4 + 2 * 4 + 1 + 1  # the columns of Transitions
     print(SHARD * row_bytes / MIB)
+
+
+def write_long(millions: int) -> None:
+    """Write one log of so many million transitions, in blocks; print the memory before, and the peak."""
+    from dataclasses import replace
+
+    import numpy as np
+    from logs import RUN, random_walks
+
+    from addressed_dynamics.logs import write_log
+
+    block = random_walks(250_000, 2)
+    episodes, nanoseconds = int(block.episode[-1]) + 1, int(block.time_ns[-1] + block.time_ns[1])
+
+    def blocks() -> "Iterator[Transitions]":
+        for number in range(4 * millions):
+            shift = {"episode": block.episode + number * episodes, "time_ns": block.time_ns + number * nanoseconds}
+            yield replace(block, **{name: column.astype(np.int64) for name, column in shift.items()})
+
+    folder = Path("data") / "raw" / EXPERIMENT
+    folder.mkdir(parents=True)
+    before = peak_mib()
+    write_log(folder / "long.mcap", blocks(), run=RUN)
+    print(before, peak_mib(), (folder / "long.mcap").stat().st_size / MIB)
+
+
+def read_long() -> None:
+    """Read that log chunk by chunk; print the memory before, and the peak."""
+    from addressed_dynamics.logs import read_blocks
+
+    before = peak_mib()
+    count = sum(len(block.transitions) for block in read_blocks(Path("data") / "raw" / EXPERIMENT / "long.mcap"))
+    print(before, peak_mib(), count)
 
 
 def convert() -> None:
@@ -110,6 +148,16 @@ def main() -> None:
                 rows.append([
                     f"train on {count:,.0f} transitions", f"{before:.0f} MiB", f"{peak:.0f} MiB", "target: < 1,500 MB"
                 ])  # fmt: skip
+    for millions in (1, 10):
+        with tempfile.TemporaryDirectory() as temporary:
+            folder = Path(temporary)
+            before, peak, size = step(folder, "write", str(millions))
+            note = f"the log has {size:.0f} MiB"
+            rows.append([f"write {millions}M to one log", f"{before:.0f} MiB", f"{peak:.0f} MiB", note])
+            before, peak, count = step(folder, "read")
+            rows.append([f"read {count:,.0f} in chunks", f"{before:.0f} MiB", f"{peak:.0f} MiB", note])
+            before, peak = step(folder, "convert")
+            rows.append([f"convert {millions}M from one log", f"{before:.0f} MiB", f"{peak:.0f} MiB", note])
     print_table(["", "before", "peak", ""], rows)
 
 
@@ -117,4 +165,6 @@ if __name__ == "__main__":
     if len(sys.argv) == 1:
         main()
     else:
-        {"record": lambda: record(int(sys.argv[2])), "convert": convert, "train": train}[sys.argv[1]]()
+        count = int(sys.argv[2]) if len(sys.argv) > 2 else 0
+        steps = {"record": lambda: record(count), "write": lambda: write_long(count), "read": read_long}
+        (steps | {"convert": convert, "train": train})[sys.argv[1]]()

@@ -13,7 +13,7 @@ from addressed_dynamics.recording.dqn import learn
 from addressed_dynamics.recording.plan import make_environment
 
 PARAMS_FILE = Path(__file__).parents[1] / "params.yaml"
-TRANSITIONS = 20_000
+TRANSITIONS = 40_000
 ROUNDS = 5
 
 

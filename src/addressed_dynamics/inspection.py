@@ -16,7 +16,8 @@ import numpy as np
 from addressed_dynamics.errors import LogError, TransitionsError
 from addressed_dynamics.logs import RunInfo, read_log
 from addressed_dynamics.logs.container import Damage
-from addressed_dynamics.logs.reader import episode_records, open_source, run_record, transition_columns
+from addressed_dynamics.logs.decoding import episode_records, run_record, transition_columns
+from addressed_dynamics.logs.reader import open_source
 from addressed_dynamics.logs.schema import EPISODE_SCHEMA, TRANSITION_SCHEMA
 from addressed_dynamics.logs.survey import Problem, Survey, survey
 from addressed_dynamics.tables.experience import Experience

@@ -51,6 +51,19 @@ class MessageLayout:
         """Length of a message in bytes."""
         return len(self.template)
 
+    def values(self) -> Iterator[tuple[int, np.dtype[Any], str]]:
+        """Yield the offset and type of every value, in order, and the field that it belongs to."""
+        for name, parts in self.parts.items():
+            for part in parts:
+                kind, start = _field(self.dtype, part)
+                if kind.subdtype is None:
+                    yield start, kind, name
+                else:
+                    pair, (count,) = kind.subdtype
+                    value, offset = _field(pair, "value")
+                    for index in range(count):
+                        yield start + index * pair.itemsize + offset, value, name
+
     def blank(self) -> Rows:
         """Return one writable message with every value zero."""
         return self.template.copy().view(self.dtype)
@@ -77,6 +90,12 @@ class MessageLayout:
     def vector(self, rows: Rows, field: str) -> Shaped[np.ndarray, "message value"]:
         """Return a copy of the values of a sub-message."""
         return np.concatenate(self.vector_parts(rows, field), axis=1)
+
+
+def _field(dtype: np.dtype[Any], name: str) -> tuple[np.dtype[Any], int]:
+    assert dtype.fields is not None
+    kind, offset, *_ = dtype.fields[name]
+    return kind, offset
 
 
 def message_layout(message: DescriptorProto) -> MessageLayout:

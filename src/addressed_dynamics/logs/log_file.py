@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import struct
 from collections.abc import Callable, Sequence
 from importlib.metadata import version
 from io import BufferedWriter
@@ -10,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float32, Int, Int64, Shaped, UInt8
+from jaxtyping import Float, Float32, Int, Int64, Shaped, UInt8
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 from mcap.well_known import MessageEncoding, SchemaEncoding
@@ -174,6 +175,72 @@ class TransitionRows:
         header = self._header[:count]
         header["sequence"] = np.arange(sequence, sequence + count) & _LARGEST_SEQUENCE
         header["log_time"] = header["publish_time"] = time_ns
+
+
+Pack = Callable[..., None]
+"""Packs the fields of one transition, in the order of `Transitions` without the time, from a byte of a chunk on."""
+
+
+def transition_packer(layout: MessageLayout, spec: SpaceSpec, chunk: UInt8[np.ndarray, " byte"]) -> Pack:
+    """Return what packs transitions into `chunk` one by one, in half the time of filling in an array's fields.
+
+    Args:
+        layout: where the fields are.
+        spec: which fields there are.
+        chunk: memory to pack into.
+    """
+    template, header = _template(layout, TRANSITION_CHANNEL).tobytes(), MESSAGE_HEADER.itemsize
+    arguments: list[Any] = []
+    fields: dict[str, list[int]] = {}
+    codes, position = "<", 0
+    for offset, code, name in layout.values():
+        codes += f"{header + offset - position}s{_STRUCT_CODES[code]}"
+        arguments += [template[position : header + offset], 0]
+        fields.setdefault(name, []).append(len(arguments) - 1)
+        position = header + offset + code.itemsize
+    # A tag stands before every value, so the values of a vector are every other argument.
+    place: dict[str, Any] = {name: slice(indices[0], indices[-1] + 1, 2) for name, indices in fields.items()}
+    for name in ("episode", "step", "reward", "terminated", "truncated"):
+        place[name] = fields[name][0]
+    at_episode, at_step, at_reward = place["episode"], place["step"], place["reward"]
+    at_observation, at_next, at_action = place["observation"], place["next_observation"], place["action"]
+    at_terminated, at_truncated = place["terminated"], place["truncated"]
+    discrete = isinstance(spec.action, DiscreteAction)
+    if discrete:
+        at_action = at_action.start
+    memory, pack_into = memoryview(chunk.data), struct.Struct(codes).pack_into
+
+    def pack(  # every name is a local one: this is called at every step of an environment
+        byte: int,
+        episode: int,
+        step: int,
+        observation: Float[np.ndarray, " observation"],
+        action: Any,
+        reward: float,
+        next_observation: Float[np.ndarray, " observation"],
+        terminated: bool,
+        truncated: bool,
+    ) -> None:
+        arguments[at_episode] = episode
+        arguments[at_step] = step
+        arguments[at_observation] = observation.tolist()
+        arguments[at_action] = action if discrete else action.tolist()
+        arguments[at_reward] = reward
+        arguments[at_next] = next_observation.tolist()
+        arguments[at_terminated] = terminated
+        arguments[at_truncated] = truncated
+        pack_into(memory, byte, *arguments)
+
+    return pack
+
+
+_STRUCT_CODES = {
+    np.dtype("<f4"): "f",
+    np.dtype("<f8"): "d",
+    np.dtype("<i4"): "i",
+    np.dtype("<i8"): "q",
+    np.dtype("|u1"): "?",
+}
 
 
 def episode_messages(

@@ -27,8 +27,9 @@ from addressed_dynamics.logs.container import (
     summary_contents,
 )
 from addressed_dynamics.logs.contents import EpisodeRecord, RunRecord
+from addressed_dynamics.logs.decoding import Columns, Found, episode_records, run_record, transition_columns
 from addressed_dynamics.logs.log_file import EPISODE_CHANNEL, TRANSITION_CHANNEL
-from addressed_dynamics.logs.reader import Columns, Found, episode_records, open_source, run_record, transition_columns
+from addressed_dynamics.logs.reader import open_source
 from addressed_dynamics.logs.schema import EPISODE_SCHEMA, TRANSITION_SCHEMA
 from addressed_dynamics.transitions import Transitions
 

@@ -14,7 +14,7 @@ from mcap.records import Header
 from mcap.writer import MCAP0_MAGIC as MAGIC
 
 from addressed_dynamics.logs.container import MESSAGE_HEADER, Damage, Frame, MessageRun, Source, frames, scan
-from addressed_dynamics.logs.reader import Found
+from addressed_dynamics.logs.decoding import Found
 from addressed_dynamics.logs.schema import EPISODE_SCHEMA, TRANSITION_SCHEMA
 
 

@@ -21,6 +21,7 @@ from addressed_dynamics.logs.log_file import (
     episode_messages,
     index_entries,
     message_bytes,
+    transition_packer,
 )
 from addressed_dynamics.transitions import SpaceSpec
 
@@ -50,23 +51,34 @@ class TransitionLogWriter:
         self.path = path
         self._file = LogFile(path, spec, topic=topic, run=run)
         self.partial = self._file.partial
-        self.count = 0
-        """Transitions appended so far."""
+        self._chunked = 0
+        """Transitions in the chunks before the open one."""
         self._first_step = first_step
         self._step_ns = spec.step_seconds * 1e9
         self._episode_start, self._episode_return = 0, 0.0
         self._begin = len(self._file.container.description)
         self._message_bytes = message_bytes(self._file.transition_layout)
         room = CHUNK_BYTES - self._begin - message_bytes(self._file.episode_layout)
-        self._capacity = max(room // self._message_bytes, 1)
-        end = self._begin + self._capacity * self._message_bytes
+        capacity = max(room // self._message_bytes, 1)
+        end = self._begin + capacity * self._message_bytes
         self._chunk = np.empty(end, np.uint8)
         self._chunk[: self._begin] = self._file.container.description
-        messages = self._chunk[self._begin : end].reshape(self._capacity, self._message_bytes)
+        messages = self._chunk[self._begin : end].reshape(capacity, self._message_bytes)
         self._rows = TransitionRows(self._file.transition_layout, spec, messages)
-        self._filled = 0
-        self._room = self._capacity
-        """Messages that fit into the open chunk; none when the log is closed."""
+        self._pack = transition_packer(self._file.transition_layout, spec, self._chunk)
+        self._offset = self._begin
+        """Where in the open chunk the next transition goes."""
+        self._end = end
+        """Where the open chunk is full; nowhere in it when the log is closed."""
+
+    @property
+    def count(self) -> int:
+        """Transitions appended so far."""
+        return self._chunked + self._filled
+
+    @property
+    def _filled(self) -> int:
+        return (self._offset - self._begin) // self._message_bytes
 
     @property
     def safe_count(self) -> int:
@@ -89,23 +101,12 @@ class TransitionLogWriter:
         Raises:
             LogError: the file cannot be written; the message says how many transitions are safe.
         """
-        if self._filled >= self._room:
+        if self._offset >= self._end:
             self._do(self._write_chunk)
-        rows, row = self._rows, self._filled
-        rows.episode[row] = episode
-        rows.step[row] = step
-        rows.reward[row] = reward
-        rows.terminated[row] = terminated
-        rows.truncated[row] = truncated
-        for view, part in rows.observation:
-            view[row] = observation[part]
-        for view, part in rows.next_observation:
-            view[row] = next_observation[part]
-        for view, part in rows.action:
-            view[row] = action if part is ... else action[part]  # type: ignore[index] # only a vector has parts
+        offset = self._offset
+        self._pack(offset, episode, step, observation, action, reward, next_observation, terminated, truncated)
         # Counted only when it is whole: Ctrl-C above leaves no trace.
-        self._filled = row + 1
-        self.count += 1
+        self._offset = offset + self._message_bytes
 
     def end_episode(self, seed: int | None, *, cut: bool) -> None:
         """End the episode of the last transition; does nothing if none was added since the last end.
@@ -119,7 +120,8 @@ class TransitionLogWriter:
         """
         if not self._filled:
             return
-        rows, last = self._rows, self._filled - 1
+        rows, filled = self._rows, self._filled
+        last = filled - 1
         ended = "cut" if cut else ended_as(rows.terminated[last], rows.truncated[last])
         if ended == "cut":
             rows.truncated[last] = True
@@ -127,7 +129,7 @@ class TransitionLogWriter:
             self._file.episode_layout,
             episode=rows.episode[last],
             seed=[seed],
-            episode_return=self._episode_return + rows.reward[: self._filled].sum(dtype=np.float64),
+            episode_return=self._episode_return + rows.reward[:filled].sum(dtype=np.float64),
             length=self.count - self._episode_start,
             ended=[ended],
             sequence=self.count - 1,
@@ -147,12 +149,12 @@ class TransitionLogWriter:
         if self._file.closed:
             return
         self.end_episode(None, cut=True)
-        self._room = 0
+        self._end = 0
         self._file.finish()
 
     def abandon(self) -> None:
         """Stop writing and leave the unfinished file for `recover_log`."""
-        self._room = 0
+        self._end = 0
         self._file.abandon()
 
     def __enter__(self) -> Self:
@@ -170,12 +172,12 @@ class TransitionLogWriter:
         try:
             self._file.do(write, *arguments)
         except BaseException:
-            self._room = 0
+            self._end = 0
             raise
 
     def _write_chunk(self, episode_end: UInt8[np.ndarray, " byte"] | None = None) -> None:
         """Write the transitions since the last chunk, and the record of their episode if it has ended."""
-        count, first = self._filled, self.count - self._filled
+        count, first = self._filled, self._chunked
         time_ns = np.rint((self._first_step + first + np.arange(count)) * self._step_ns).astype(np.int64)
         self._rows.stamp(count, first, time_ns)
         self._episode_return += float(self._rows.reward[:count].sum(dtype=np.float64))
@@ -186,7 +188,8 @@ class TransitionLogWriter:
             index[EPISODE_CHANNEL] = index_entries([self._time_ns(self.count) - 1], [end])
             payload = np.concatenate([payload, episode_end])
         self._file.container.write_chunk(payload, index)
-        self._filled = 0
+        self._chunked += count
+        self._offset = self._begin
 
     def _time_ns(self, steps: int) -> int:
         return round((self._first_step + steps) * self._step_ns)
