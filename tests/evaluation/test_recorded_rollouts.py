@@ -38,7 +38,7 @@ class Perfect:
 
     truth: TrueRollouts
 
-    def rollout(self, observation: np.ndarray, actions: np.ndarray, _mode: str) -> np.ndarray:
+    def rollout(self, observation: np.ndarray, actions: np.ndarray, _mode: str, **_: object) -> np.ndarray:
         np.testing.assert_array_equal(observation, self.truth.states[:, 0])
         np.testing.assert_array_equal(actions, self.truth.actions)
         return self.truth.states[:, 1:].astype(np.float32)

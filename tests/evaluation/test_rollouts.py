@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from builders import CAR
 from learning import drive, untrained_model
 
@@ -38,7 +39,7 @@ class Scripted:
 
     predicted: np.ndarray
 
-    def rollout(self, observation: np.ndarray, actions: np.ndarray, _mode: str) -> np.ndarray:
+    def rollout(self, observation: np.ndarray, actions: np.ndarray, _mode: str, **_: object) -> np.ndarray:
         np.testing.assert_array_equal(observation, truth().states[:, 0])
         np.testing.assert_array_equal(actions, truth().actions)
         return self.predicted
@@ -54,6 +55,13 @@ def test_a_perfect_model_has_no_error_and_never_leaves_the_bounds() -> None:
     assert summary["left_bounds_share"] == 0.0
     assert summary["all"]["mse"]["position"]["max"] == 0.0
     assert summary["all"]["mse"]["velocity"]["max"] == 0.0
+
+
+def test_sampled_rollouts_are_the_same_whatever_was_drawn_before() -> None:
+    model = untrained_model(drive((20, 20)))
+    first, _ = rollout_errors(model, truth(), "sample")
+    torch.rand(3)
+    np.testing.assert_array_equal(rollout_errors(model, truth(), "sample")[0], first)
 
 
 def test_true_rollouts_follow_the_physics_from_state_to_state() -> None:

@@ -9,9 +9,20 @@ Each environment says what its numbers mean in `metadata["addressed_dynamics"]`:
 
 import gymnasium
 
+from addressed_dynamics.envs.acrobot import Acrobot, acrobot_energy
 from addressed_dynamics.envs.mountain_car import MountainCarContinuing, mountain_car_step
 
-__all__ = ["CONTINUING_MOUNTAIN_CAR", "MountainCarContinuing", "mountain_car_step"]
+__all__ = [
+    "ACROBOT",
+    "CONTINUING_MOUNTAIN_CAR",
+    "Acrobot",
+    "MountainCarContinuing",
+    "acrobot_energy",
+    "mountain_car_step",
+]
+
+ACROBOT = "addressed_dynamics/Acrobot-v0"
+"""Gymnasium identifier of the Acrobot with a settable time step, torque noise and end."""
 
 CONTINUING_MOUNTAIN_CAR = "addressed_dynamics/MountainCarContinuing-v0"
 """Gymnasium identifier of the MountainCar that does not end at the goal."""
@@ -21,3 +32,4 @@ gymnasium.register(
     entry_point="addressed_dynamics.envs.mountain_car:MountainCarContinuing",
     max_episode_steps=1000,
 )
+gymnasium.register(id=ACROBOT, entry_point="addressed_dynamics.envs.acrobot:Acrobot", max_episode_steps=1000)

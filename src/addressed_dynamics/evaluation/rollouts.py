@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+import torch
 from jaxtyping import Float64
 
 from addressed_dynamics.evaluation.truth import TrueRollouts
@@ -18,7 +19,8 @@ def rollout_errors(
 ) -> tuple[Float64[np.ndarray, "episode step observation"], Float64[np.ndarray, "episode step observation"]]:
     """Return the squared errors of a model's open-loop rollouts, and the predicted states, in environment units."""
     first = truth.states[:, 0].astype(np.float32)
-    predicted = model.rollout(first, truth.actions, mode).astype(np.float64)
+    generator = torch.Generator().manual_seed(0)  # the same report from the same models, in the mode `sample` too
+    predicted = model.rollout(first, truth.actions, mode, generator=generator).astype(np.float64)
     # A diverged rollout must count as a large error, and JSON cannot hold what is not finite.
     predicted = np.nan_to_num(predicted, nan=1e6, posinf=1e6, neginf=-1e6).clip(-1e6, 1e6)
     return (predicted - truth.states[:, 1:]) ** 2, predicted

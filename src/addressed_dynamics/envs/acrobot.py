@@ -1,0 +1,112 @@
+"""Acrobot with a settable time step, torque noise and end, as the paper's second experiment needs it.
+
+The paper simulates at 0.02 s, where Gymnasium's `Acrobot-v1` has 0.2 s, and records a part at zero torque from varied
+starts (Section 4.2).
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium.envs.classic_control.acrobot import AcrobotEnv
+from jaxtyping import Float32, Float64
+
+from addressed_dynamics.errors import SpaceError
+
+GRAVITY = 9.8
+"""What the equations of motion of Gymnasium's Acrobot have, in m/s²."""
+
+
+class Acrobot(AcrobotEnv):
+    """Gymnasium's `Acrobot-v1` with settable dynamics; of a step, the reward and the observation are the same.
+
+    Args:
+        time_step: simulated seconds of a step, integrated by one step of Runge and Kutta's method of fourth order.
+        torque_noise: largest noise that is added to the torque, in N m, drawn uniformly at every step.
+        ends_at_goal: whether an episode terminates when the tip is above the goal; else only a time limit ends it.
+        start_angle: lowest and highest of both angles of a first state, in rad, drawn uniformly.
+        start_velocity: lowest and highest of both velocities of a first state, in rad/s, drawn uniformly.
+        render_mode: as in Gymnasium.
+
+    Raises:
+        SpaceError: a number or a range is not one that Acrobot can have.
+    """
+
+    metadata = {  # noqa: RUF012 # Gymnasium declares it without ClassVar
+        **AcrobotEnv.metadata,
+        "addressed_dynamics": {
+            "observation": (
+                ("cos_angle_1", ""),
+                ("sin_angle_1", ""),
+                ("cos_angle_2", ""),
+                ("sin_angle_2", ""),
+                ("velocity_1", "rad/s"),
+                ("velocity_2", "rad/s"),
+            ),
+            "action": ("torque_negative", "no_torque", "torque_positive"),
+        },
+    }
+
+    def __init__(
+        self,
+        time_step: float = 0.02,
+        torque_noise: float = 0.0,
+        ends_at_goal: bool = True,
+        start_angle: Sequence[float] = (-0.1, 0.1),
+        start_velocity: Sequence[float] = (-0.1, 0.1),
+        render_mode: str | None = None,
+    ) -> None:
+        super().__init__(render_mode=render_mode)
+        if not 0.0 < time_step <= 1.0:
+            message = f"time_step should be above 0 and at most 1 s, but is {time_step}"
+            raise SpaceError(message)
+        if not 0.0 <= torque_noise < math.inf:
+            message = f"torque_noise should be at least 0 N m, but is {torque_noise}"
+            raise SpaceError(message)
+        self.dt, self.torque_noise_max = time_step, torque_noise
+        self._ends_at_goal = ends_at_goal
+        angle = _checked_range("start_angle", start_angle, math.pi)
+        velocity = _checked_range("start_velocity", start_velocity, self.MAX_VEL_1)
+        self._start_low, self._start_high = np.array([angle, angle, velocity, velocity]).T
+        # The length of a step is this instance's, so the description of the class must not change.
+        described = {**self.metadata["addressed_dynamics"], "step_seconds": time_step}
+        self.metadata = {**self.metadata, "addressed_dynamics": described}
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Float32[np.ndarray, "6"], dict[str, Any]]:
+        """Draw a first state from the start ranges."""
+        super().reset(seed=seed, options=options)
+        self.state = self.np_random.uniform(self._start_low, self._start_high)
+        return self._get_ob(), {}  # type: ignore[no-untyped-call] # Gymnasium's, without types
+
+    def step(self, action: int) -> tuple[Float32[np.ndarray, "6"], float, bool, bool, dict[str, Any]]:
+        """Advance by one step, as `Acrobot-v1` does; without `ends_at_goal` go on above the goal."""
+        observation, reward, terminated, truncated, info = super().step(action)  # type: ignore[no-untyped-call] # as above
+        return observation, reward, terminated and self._ends_at_goal, truncated, info
+
+
+def acrobot_energy(state: Float64[np.ndarray, "*batch 4"]) -> Float64[np.ndarray, "*batch"]:
+    """Return the energy of the double pendulum, in J: constant where no torque acts and no velocity is bounded.
+
+    Args:
+        state: both angles in rad (the second relative to the first) and both velocities in rad/s.
+    """
+    angle_1, angle_2, velocity_1, velocity_2 = np.moveaxis(state, -1, 0)
+    mass_1, mass_2, length = AcrobotEnv.LINK_MASS_1, AcrobotEnv.LINK_MASS_2, AcrobotEnv.LINK_LENGTH_1
+    middle_1, middle_2, inertia = AcrobotEnv.LINK_COM_POS_1, AcrobotEnv.LINK_COM_POS_2, AcrobotEnv.LINK_MOI
+    coupling = mass_2 * length * middle_2 * np.cos(angle_2)
+    outer = mass_2 * middle_2**2 + inertia
+    inner = mass_1 * middle_1**2 + inertia + mass_2 * length**2 + outer + 2 * coupling
+    kinetic = inner * velocity_1**2 / 2 + (outer + coupling) * velocity_1 * velocity_2 + outer * velocity_2**2 / 2
+    height = (mass_1 * middle_1 + mass_2 * length) * np.cos(angle_1) + mass_2 * middle_2 * np.cos(angle_1 + angle_2)
+    energy: Float64[np.ndarray, "*batch"] = kinetic - GRAVITY * height
+    return energy
+
+
+def _checked_range(name: str, value: Sequence[float], largest: float) -> tuple[float, float]:
+    if len(value) != 2 or not -largest <= value[0] <= value[1] <= largest:
+        message = f"{name} should be two increasing numbers in {-largest:.4g}..{largest:.4g}, but is {list(value)}"
+        raise SpaceError(message)
+    return float(value[0]), float(value[1])

@@ -1,0 +1,96 @@
+"""Acrobot with a settable step: Gymnasium's where the settings are Gymnasium's, and energy that stays."""
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.envs.classic_control.acrobot import AcrobotEnv
+from hypothesis import given
+from hypothesis import strategies as st
+
+from addressed_dynamics.envs import ACROBOT, Acrobot, acrobot_energy
+from addressed_dynamics.errors import SpaceError
+from addressed_dynamics.recording.spaces import space_spec
+from addressed_dynamics.transitions import DiscreteAction
+
+WIDE = {"start_angle": (-np.pi, np.pi), "start_velocity": (-4.0, 4.0)}
+
+
+@given(st.integers(0, 2**16))
+def test_with_gymnasiums_time_step_it_is_gymnasiums_environment(seed: int) -> None:
+    ours, theirs = Acrobot(time_step=0.2), AcrobotEnv()
+    ours.reset(seed=seed)
+    theirs.reset(seed=seed)
+    theirs.state = ours.state.copy()
+    for action in np.random.default_rng(seed).integers(0, 3, 20).tolist():
+        found, expected = ours.step(action), theirs.step(action)
+        np.testing.assert_array_equal(found[0], expected[0])
+        assert found[1:] == expected[1:]
+
+
+def drift(time_step: float, seconds: float, seed: int) -> float:
+    """The largest change of energy at zero torque, relative to the energy of the fall from the top."""
+    env = Acrobot(time_step=time_step, ends_at_goal=False, **WIDE)
+    env.reset(seed=seed)
+    states = [np.asarray(env.state, dtype=np.float64)]
+    for _ in range(round(seconds / time_step)):
+        env.step(1)
+        states.append(np.asarray(env.state, dtype=np.float64))
+    energy = acrobot_energy(np.array(states))
+    bounded = np.abs(states)[:, 2:].max(axis=0) >= np.array([env.MAX_VEL_1, env.MAX_VEL_2])
+    assert not bounded.any(), "a bounded velocity loses energy"
+    top, bottom = acrobot_energy(np.array([[np.pi, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0]]))
+    return float(np.abs(energy - energy[0]).max() / (top - bottom))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_energy_is_conserved_to_the_accuracy_of_the_integration(seed: int) -> None:
+    coarse, fine = drift(0.02, 10.0, seed), drift(0.01, 10.0, seed)
+    assert coarse < 1e-4
+    # Of fourth order: half the step makes a sixteenth of the error in a step, and twice as many steps.
+    assert fine < coarse / 8
+
+
+def test_the_end_at_the_goal_is_a_choice() -> None:
+    for ends in (True, False):
+        env = Acrobot(ends_at_goal=ends)
+        env.reset(seed=0)
+        env.state = np.array([np.pi, 0.0, 0.0, 0.0])
+        assert env.step(1)[2] is ends
+
+
+def test_noise_is_drawn_from_the_seed_and_changes_the_motion() -> None:
+    def after(noise: float, seed: int) -> np.ndarray:
+        env = Acrobot(torque_noise=noise)
+        env.reset(seed=seed)
+        return np.array([env.step(1)[0] for _ in range(20)])
+
+    np.testing.assert_array_equal(after(0.5, 3), after(0.5, 3))
+    assert (after(0.5, 3) != after(0.0, 3)).any()
+
+
+def test_first_states_come_from_the_start_ranges() -> None:
+    env = Acrobot(start_angle=(1.0, 1.5), start_velocity=(-2.0, -1.0))
+    states = []
+    for seed in range(50):
+        env.reset(seed=seed)
+        states.append(env.state)
+    low, high = np.min(states, axis=0), np.max(states, axis=0)
+    assert (low >= [1.0, 1.0, -2.0, -2.0]).all()
+    assert (high <= [1.5, 1.5, -1.0, -1.0]).all()
+
+
+def test_its_numbers_are_described() -> None:
+    env = gymnasium.make(ACROBOT, time_step=0.05)
+    spec = space_spec(env)
+    assert spec.step_seconds == 0.05
+    assert spec.observation_names[4:] == ("velocity_1", "velocity_2")
+    assert isinstance(spec.action, DiscreteAction)
+    assert space_spec(gymnasium.make(ACROBOT)).step_seconds == 0.02
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"time_step": 0.0}, {"torque_noise": -1.0}, {"start_angle": (1.0, 0.0)}, {"start_velocity": (0.0, 99.0)}]
+)
+def test_settings_that_make_no_acrobot_are_one_clear_error(wrong: dict[str, object]) -> None:
+    with pytest.raises(SpaceError, match=next(iter(wrong))):
+        Acrobot(**wrong)
