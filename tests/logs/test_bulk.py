@@ -73,7 +73,9 @@ def written_by_us(chunks, compression):
             index.setdefault(each.channel_id, []).append((each.log_time, len(writer.description) + builder.count))
             each.write(builder)
         payload = np.concatenate([writer.description, np.frombuffer(bytes(builder.end()), np.uint8)])
-        writer.write_chunk(payload, {channel: np.array(rows, INDEX_ENTRY) for channel, rows in index.items()})
+        times = [each.log_time for each in chunk]
+        entries = {channel: np.array(rows, INDEX_ENTRY) for channel, rows in index.items()}
+        writer.write_chunk(payload, entries, start_time=min(times), end_time=max(times))
     writer.finish()
     return stream.getvalue()
 

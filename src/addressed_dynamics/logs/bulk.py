@@ -153,13 +153,16 @@ class _BulkWriter:
         if inside:
             places = self._begin + np.array(inside) * self._row_bytes + np.arange(len(inside)) * self._end_bytes
             index[EPISODE_CHANNEL] = index_entries(ends.time_ns[first:last], places)
-        self._file.container.write_chunk(np.concatenate(pieces), index)
+        latest = ends.time_ns[last - 1] if inside and inside[-1] == stop - start else block.time_ns[stop - 1]
+        self._file.container.write_chunk(
+            np.concatenate(pieces), index, start_time=int(block.time_ns[start]), end_time=int(latest)
+        )
 
     def _encode(self, block: Transitions, ends: _EpisodeEnds, start: int, stop: int) -> TransitionRows:
         part, count = slice(start, stop), stop - start
         messages = np.empty((count, self._row_bytes), np.uint8)
         rows = TransitionRows(self._file.transition_layout, block.spec, messages)
-        rows.stamp(count, self._count, block.time_ns[part])
+        rows.stamp(self._count + np.arange(count), block.time_ns[part])
         rows.episode[:], rows.step[:] = block.episode[part], block.step[part]
         rows.reward[:] = block.reward[part]
         rows.terminated[:], rows.truncated[:] = block.terminated[part], block.truncated[part]

@@ -54,8 +54,10 @@ class _Counts:
     start_time: int | None = None
     end_time: int = 0
 
-    def add(self, channel: int, messages: int, start_time: int, end_time: int) -> None:
+    def add(self, channel: int, messages: int) -> None:
         self.messages[channel] = self.messages.get(channel, 0) + messages
+
+    def extend(self, start_time: int, end_time: int) -> None:
         self.start_time = start_time if self.start_time is None else min(self.start_time, start_time)
         self.end_time = max(self.end_time, end_time)
 
@@ -96,16 +98,21 @@ class ContainerWriter:
         self._write(record)
 
     def write_chunk(
-        self, payload: UInt8[np.ndarray, " byte"], index: Mapping[int, Shaped[np.ndarray, " message"]]
+        self,
+        payload: UInt8[np.ndarray, " byte"],
+        index: Mapping[int, Shaped[np.ndarray, " message"]],
+        *,
+        start_time: int,
+        end_time: int,
     ) -> None:
         """Write a chunk and its index.
 
         Args:
             payload: `description`, then the messages.
             index: for each channel with messages in it, an `INDEX_ENTRY` for each of them, in their order.
+            start_time: the earliest log time in the chunk, in nanoseconds.
+            end_time: the latest.
         """
-        times = [(int(entries["log_time"].min()), int(entries["log_time"].max())) for entries in index.values()]
-        start_time, end_time = min(start for start, _ in times), max(end for _, end in times)
         compressed = self._compress(payload.data)
         chunk = Chunk(
             compression=self._compression,
@@ -118,10 +125,11 @@ class ContainerWriter:
         chunk_offset = self._size
         self._write(_encode(chunk))
         index_offset, index_offsets = self._size, {}
-        for (channel, entries), (start, end) in zip(index.items(), times, strict=True):
+        for channel, entries in index.items():
             index_offsets[channel] = self._size
             self._write(_encode_index(channel, entries))
-            self._counts.add(channel, len(entries), start, end)
+            self._counts.add(channel, len(entries))
+        self._counts.extend(start_time, end_time)
         self._chunks.append(
             ChunkIndex(
                 message_start_time=start_time,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import struct
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from importlib.metadata import version
 from io import BufferedWriter
 from pathlib import Path
@@ -154,7 +155,7 @@ class TransitionRows:
 
     def __init__(self, layout: MessageLayout, spec: SpaceSpec, messages: UInt8[np.ndarray, "message byte"]) -> None:
         messages[:] = _template(layout, TRANSITION_CHANNEL)
-        records = messages.view(_record(layout))[:, 0]
+        records = messages.view(_record(layout.dtype))[:, 0]
         self.messages = messages
         self._header, rows = records["header"], records["message"]
         self.episode: Int64[np.ndarray, " message"] = layout.scalar(rows, "episode")
@@ -170,12 +171,15 @@ class TransitionRows:
             else _parts(layout, rows, "action")
         )
 
-    def stamp(self, count: int, sequence: int, time_ns: Int64[np.ndarray, " message"]) -> None:
-        """Give the first `count` messages their numbers, from `sequence` on, and their times."""
-        header = self._header[:count]
-        header["sequence"] = np.arange(sequence, sequence + count) & _LARGEST_SEQUENCE
+    def stamp(self, sequence: Int64[np.ndarray, " message"], time_ns: Int64[np.ndarray, " message"]) -> None:
+        """Give the first messages their numbers and their times."""
+        header = self._header[: len(sequence)]
+        header["sequence"] = sequence & _LARGEST_SEQUENCE
         header["log_time"] = header["publish_time"] = time_ns
 
+
+Vector = Float[np.ndarray, " component"] | list[float]
+"""The components of an observation or of an action; a list is packed as it is."""
 
 Pack = Callable[..., None]
 """Packs the fields of one transition, in the order of `Transitions` without the time, from a byte of a chunk on."""
@@ -214,19 +218,19 @@ def transition_packer(layout: MessageLayout, spec: SpaceSpec, chunk: UInt8[np.nd
         byte: int,
         episode: int,
         step: int,
-        observation: Float[np.ndarray, " observation"],
+        observation: Vector,
         action: Any,
         reward: float,
-        next_observation: Float[np.ndarray, " observation"],
+        next_observation: Vector,
         terminated: bool,
         truncated: bool,
     ) -> None:
         arguments[at_episode] = episode
         arguments[at_step] = step
-        arguments[at_observation] = observation.tolist()
-        arguments[at_action] = action if discrete else action.tolist()
+        arguments[at_observation] = observation if isinstance(observation, list) else observation.tolist()
+        arguments[at_action] = action if discrete or isinstance(action, list) else action.tolist()
         arguments[at_reward] = reward
-        arguments[at_next] = next_observation.tolist()
+        arguments[at_next] = next_observation if isinstance(next_observation, list) else next_observation.tolist()
         arguments[at_terminated] = terminated
         arguments[at_truncated] = truncated
         pack_into(memory, byte, *arguments)
@@ -256,7 +260,7 @@ def episode_messages(
 ) -> UInt8[np.ndarray, "episode byte"]:
     """Return the encoded messages, with their headers, that tell how episodes ended."""
     messages = np.tile(_template(layout, EPISODE_CHANNEL), (len(ended), 1))
-    records = messages.view(_record(layout))[:, 0]
+    records = messages.view(_record(layout.dtype))[:, 0]
     header, rows = records["header"], records["message"]
     header["sequence"] = np.asarray(sequence) & _LARGEST_SEQUENCE
     header["log_time"] = header["publish_time"] = time_ns
@@ -297,8 +301,9 @@ def _parts(layout: MessageLayout, rows: Shaped[np.ndarray, " message"], field: s
     return [(view, (..., slice(stop - view.shape[1], stop))) for view, stop in zip(views, stops, strict=True)]
 
 
-def _record(layout: MessageLayout) -> np.dtype[Any]:
-    return np.dtype([("header", MESSAGE_HEADER), ("message", layout.dtype)])
+@lru_cache(maxsize=16)
+def _record(message: np.dtype[Any]) -> np.dtype[Any]:
+    return np.dtype([("header", MESSAGE_HEADER), ("message", message)])
 
 
 def _template(layout: MessageLayout, channel: int) -> UInt8[np.ndarray, " byte"]:

@@ -8,7 +8,7 @@ from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import UInt8
 
 from addressed_dynamics.logs.contents import RunInfo
 from addressed_dynamics.logs.log_file import (
@@ -17,6 +17,7 @@ from addressed_dynamics.logs.log_file import (
     TRANSITION_CHANNEL,
     LogFile,
     TransitionRows,
+    Vector,
     ended_as,
     episode_messages,
     index_entries,
@@ -64,6 +65,8 @@ class TransitionLogWriter:
         self._chunk = np.empty(end, np.uint8)
         self._chunk[: self._begin] = self._file.container.description
         messages = self._chunk[self._begin : end].reshape(capacity, self._message_bytes)
+        self._numbers = np.arange(capacity)
+        self._places = self._begin + self._numbers * self._message_bytes
         self._rows = TransitionRows(self._file.transition_layout, spec, messages)
         self._pack = transition_packer(self._file.transition_layout, spec, self._chunk)
         self._offset = self._begin
@@ -89,10 +92,10 @@ class TransitionLogWriter:
         self,
         episode: int,
         step: int,
-        observation: Float[np.ndarray, " observation"],
-        action: int | Float[np.ndarray, " action"],
+        observation: Vector,
+        action: int | Vector,
         reward: float,
-        next_observation: Float[np.ndarray, " observation"],
+        next_observation: Vector,
         terminated: bool,
         truncated: bool,
     ) -> None:
@@ -178,16 +181,17 @@ class TransitionLogWriter:
     def _write_chunk(self, episode_end: UInt8[np.ndarray, " byte"] | None = None) -> None:
         """Write the transitions since the last chunk, and the record of their episode if it has ended."""
         count, first = self._filled, self._chunked
-        time_ns = np.rint((self._first_step + first + np.arange(count)) * self._step_ns).astype(np.int64)
-        self._rows.stamp(count, first, time_ns)
+        time_ns = np.rint((self._first_step + first + self._numbers[:count]) * self._step_ns).astype(np.int64)
+        end_time = int(time_ns[-1])
+        self._rows.stamp(first + self._numbers[:count], time_ns)
         self._episode_return += float(self._rows.reward[:count].sum(dtype=np.float64))
-        end = self._begin + count * self._message_bytes
-        index = {TRANSITION_CHANNEL: index_entries(time_ns, np.arange(self._begin, end, self._message_bytes))}
-        payload = self._chunk[:end]
+        index = {TRANSITION_CHANNEL: index_entries(time_ns, self._places[:count])}
+        payload = self._chunk[: self._offset]
         if episode_end is not None:
-            index[EPISODE_CHANNEL] = index_entries([self._time_ns(self.count) - 1], [end])
+            end_time = self._time_ns(self.count) - 1
+            index[EPISODE_CHANNEL] = index_entries([end_time], [self._offset])
             payload = np.concatenate([payload, episode_end])
-        self._file.container.write_chunk(payload, index)
+        self._file.container.write_chunk(payload, index, start_time=int(time_ns[0]), end_time=end_time)
         self._chunked += count
         self._offset = self._begin
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from datetime import UTC, datetime
+from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NoReturn, SupportsFloat
 
 import gymnasium
 import numpy as np
-from jaxtyping import Float32
 
 from addressed_dynamics.errors import LogError, RecordingError
 from addressed_dynamics.logs import RunInfo, TransitionLogWriter
@@ -73,7 +73,7 @@ class TransitionRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         }
         self._episode, self._step = first_episode, 0
         self._seed: int | None = None
-        self._observation: Float32[np.ndarray, " observation"] | None = None
+        self._observation: list[float] | None = None
         self._failure: str | None = None
         self._writer: TransitionLogWriter | None = self._open()
 
@@ -122,8 +122,8 @@ class TransitionRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
 
     def _record(
         self,
-        before: Float32[np.ndarray, " observation"],
-        action: int | Float32[np.ndarray, " action"],
+        before: list[float],
+        action: int | list[float],
         observation: Any,
         reward: float,
         terminated: bool,
@@ -188,7 +188,7 @@ class TransitionRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
                 self._fail(error)
             self._writer = None
 
-    def _given_action(self, action: Any) -> int | Float32[np.ndarray, " action"]:
+    def _given_action(self, action: Any) -> int | list[float]:
         self._check_failure()
         if self._action_count is None:
             # A copy before the step: an environment may clip the action in place.
@@ -198,14 +198,15 @@ class TransitionRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
             self._refuse(f"the action is {number}, but actions are 0..{self._action_count - 1}")
         return number
 
-    def _flat(self, value: Any, what: str) -> Float32[np.ndarray, " value"]:
-        flat = np.array(value, dtype=np.float32).reshape(-1)
+    def _flat(self, value: Any, what: str) -> list[float]:
+        """Return the components, rounded to float32, as a list: a copy, and cheaper than an array to check and pack."""
+        flat: list[float] = np.asarray(value, dtype=np.float32).ravel().tolist()
         size = self._sizes[what]
         if len(flat) != size:
             self._refuse(f"the {what} has {len(flat)} components, but its space has {size}")
-        # The sum of Python's floats, which float32 values cannot overflow, tells in a tenth of NumPy's time.
-        if not math.isfinite(sum(flat.tolist())):
-            self._refuse(f"the {what} is not finite: {flat.tolist()}")
+        # No sum of finite float32 values overflows Python's floats.
+        if not math.isfinite(sum(flat)):
+            self._refuse(f"the {what} is not finite: {flat}")
         return flat
 
     def _refuse(self, problem: str) -> NoReturn:
@@ -227,6 +228,11 @@ def _run_info(env: gymnasium.Env[Any, Any]) -> RunInfo:
     return RunInfo(
         environment=environment_name(env),
         kwargs={} if env.spec is None else env.spec.kwargs,
-        versions={name: version(name) for name in ("addressed-dynamics", "gymnasium", "numpy")},
+        versions=dict(_versions()),
         started=datetime.now(UTC).isoformat(timespec="seconds"),
     )
+
+
+@lru_cache(maxsize=1)
+def _versions() -> tuple[tuple[str, str], ...]:
+    return tuple((name, version(name)) for name in ("addressed-dynamics", "gymnasium", "numpy"))
