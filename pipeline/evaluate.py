@@ -1,70 +1,97 @@
 """Measure all models on held-out episodes: one step ahead, by addressing (Table 1), and in free-running rollouts."""
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from addressed_dynamics import tracking
-from addressed_dynamics.evaluation.candidates import baseline_candidates, ensemble_candidates, load_ensembles
+from addressed_dynamics.evaluation.candidates import (
+    baseline_candidates,
+    ensemble_candidates,
+    load_ensembles,
+    load_other_recipe,
+    load_pair,
+)
+from addressed_dynamics.evaluation.points import Points
 from addressed_dynamics.evaluation.suite import (
+    baseline_losses,
     evaluate_addressing,
-    evaluate_candidate,
+    evaluate_candidates,
     evaluate_oracle,
-    evaluate_rollouts,
+    evaluate_other_recipe,
+    evaluate_specialisation,
     figure_arrays,
+    pair_arrays,
 )
 from addressed_dynamics.evaluation.truth import true_rollouts
 from addressed_dynamics.files import atomic_path, save_arrays, write_json
 from addressed_dynamics.models.files import load_network
 from addressed_dynamics.params import EnsembleParams, load_params
-from addressed_dynamics.tables import load_transitions
+from addressed_dynamics.tables import Split, load_transitions
+from addressed_dynamics.tables.episodes import read_episodes
 from addressed_dynamics.training.ensemble import untrained_ensemble
 from addressed_dynamics.training.losses import reported_loss
 from addressed_dynamics.training.runtime import prepare_torch
 from pipeline.common import available_cores, evaluation_dir, models_dir, reports_dir, run_stage, tables_dir
 from pipeline.training import write_curves
 
+EVALUATED: tuple[Split, ...] = ("train", "test")
+"""Splits on which the addressing is judged: the paper's figures are of training points, its errors should not be."""
+
 
 def main(experiment: str, params_file: Path) -> None:
     """Evaluate the models of `experiment`."""
     params = load_params(params_file, experiment).evaluation
     prepare_torch(threads=available_cores())
-    test = load_transitions(tables_dir(experiment), split="test")
-    models, delivered = load_ensembles(models_dir(experiment))
+    tables, folder_of_models = tables_dir(experiment), models_dir(experiment)
+    models, delivered = load_ensembles(folder_of_models)
     first = next(iter(models))
     model = models[first][delivered[first]]
-    saved = load_network(models_dir(experiment) / "ensemble" / f"seed-{first}")
-    recipe = EnsembleParams.model_validate(saved.notes["params"]["ensemble"], strict=False)
+    recipe = ensemble_recipe(folder_of_models, first)
     loss = reported_loss(recipe.loss)
-    truth = true_rollouts(params.rollouts, test)
-    candidates = [*ensemble_candidates(models, delivered), *baseline_candidates(models_dir(experiment) / "baselines")]
-    results: dict[str, Any] = {"ensemble/oracle": evaluate_oracle(model, test, loss)}
-    horizon: list[dict[str, Any]] = []
-    for candidate in candidates:
-        results[candidate.name] = evaluate_candidate(candidate, test, model.features.scale, loss)
-        if candidate.model is not None:
-            results[candidate.name]["rollouts"], rows = evaluate_rollouts(candidate, truth)
-            horizon += rows
+    points = {split: Points.of(load_transitions(tables, split=split), model.features) for split in EVALUATED}
+    segments = {each.episode: each.segment for each in read_episodes(tables / "episodes.parquet")}
+    truth = true_rollouts(params.rollouts, points["test"].transitions, model.features.history, segments)
+    candidates = [*ensemble_candidates(models, delivered), *baseline_candidates(folder_of_models / "baselines")]
+    results, rollouts, horizon = evaluate_candidates(candidates, points["test"], truth, params.rollouts, loss)
+    other = load_other_recipe(folder_of_models / "baselines")
     report = {
         "loss": loss,
-        "test": {"transitions": len(test), "episodes": len(set(test.episode.tolist()))},
-        "rollouts": {"kind": params.rollouts.kind, "steps": truth.steps, "steps_wanted": params.rollouts.steps},
+        "test": {"transitions": len(points["test"]), "episodes": len(set(points["test"].episode.tolist()))},
+        "rollouts": rollouts,
         "delivered": {"seed": first, "variant": delivered[first]},
         "seeds": {
-            str(seed): {variant: evaluate_addressing(each, test, loss) for variant, each in variants.items()}
+            str(seed): {variant: evaluate_addressing(each, points["test"], loss) for variant, each in variants.items()}
             for seed, variants in models.items()
         },
-        "candidates": results,
+        "candidates": {"ensemble/oracle": evaluate_oracle(model, points["test"], loss), **results},
+        "angles": [asdict(angle) for angle in model.features.angles],
+        "specialisation": {split: evaluate_specialisation(model, part, loss) for split, part in points.items()},
+        "baseline_losses": {split: baseline_losses(candidates, part, loss) for split, part in points.items()},
+        "other_recipe": evaluate_other_recipe(other, points) if other else None,
     }
     untrained = untrained_ensemble(model.features.inputs, model.features.outputs, recipe, seed=first)
     with atomic_path(evaluation_dir(experiment)) as folder:
         folder.mkdir()
-        save_arrays(folder / "arrays.npz", figure_arrays(model, untrained, test, truth, loss))
+        arrays = figure_arrays(model, untrained, points["test"], truth, loss)
+        if pair := load_pair(folder_of_models / "baselines"):
+            network, seed = pair
+            two = recipe.model_copy(update={"members": network.members})
+            start = untrained_ensemble(model.features.inputs, model.features.outputs, two, seed=seed)
+            arrays |= pair_arrays(network, start, points["test"], loss)
+        save_arrays(folder / "arrays.npz", arrays)
         with tracking.run(stage="evaluate", experiment=experiment, name=f"{experiment} evaluation seed={first}",
                           params=params.model_dump(mode="json"), params_file=params_file) as run:  # fmt: skip
             run.log(headline(report), step=0)
             run.write_run_id(folder)
     write_json(reports_dir(experiment) / "evaluation.json", report)
     write_curves(reports_dir(experiment) / "horizon.csv", horizon)
+
+
+def ensemble_recipe(folder: Path, seed: int) -> EnsembleParams:
+    """Return how the ensemble in a folder of models was trained."""
+    notes = load_network(folder / "ensemble" / f"seed-{seed}").notes
+    return EnsembleParams.model_validate(notes["params"]["ensemble"], strict=False)
 
 
 def headline(report: dict[str, Any]) -> dict[str, float]:
@@ -74,7 +101,8 @@ def headline(report: dict[str, Any]) -> dict[str, float]:
     result = report["candidates"]["ensemble/argmax"]
     metrics = {"agreement": table["agreement"], "misclassified_per_thousand": table["misclassified_per_thousand"]}
     metrics |= {"loss/test": result["one_step"]["scaled"]["mean"], "regret/mean": table["regret"]["mean"]}
-    metrics |= {f"rollout_mse/{name}": spread["median"] for name, spread in result["rollouts"]["all"]["mse"].items()}
+    rollouts = result["rollouts"]["groups"]["all"]["mse"]
+    metrics |= {f"rollout_mse/{name}": spread["median"] for name, spread in rollouts.items()}
     return metrics
 
 

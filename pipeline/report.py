@@ -4,16 +4,18 @@ from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float32
 
 from addressed_dynamics import tracking
 from addressed_dynamics.models.addressed import AddressedDynamics
 from addressed_dynamics.models.files import load_network
 from addressed_dynamics.models.portable import PortableDynamics
 from addressed_dynamics.params import AddressingParams, EnsembleParams, load_params
-from addressed_dynamics.reporting.document import Origin, build_report, headline
+from addressed_dynamics.reporting.document import build_report, headline
+from addressed_dynamics.reporting.origin import Origin
 from addressed_dynamics.reporting.paper import PAPER
 from addressed_dynamics.reporting.render import FIGURES, write_report
-from addressed_dynamics.reporting.results import load_results
+from addressed_dynamics.reporting.results import Arrays, load_results
 from pipeline.common import evaluation_dir, models_dir, reports_dir, run_stage
 
 LIBRARIES = ("addressed-dynamics", "gymnasium", "numpy", "stable-baselines3", "torch")
@@ -21,20 +23,20 @@ LIBRARIES = ("addressed-dynamics", "gymnasium", "numpy", "stable-baselines3", "t
 
 def main(experiment: str, params_file: Path) -> None:
     """Report on `experiment`."""
-    title = load_params(params_file, experiment).title
+    params = load_params(params_file, experiment)
     results = load_results(reports_dir(experiment), evaluation_dir(experiment))
     delivered, folder = results.evaluation.delivered, models_dir(experiment)
     ensemble = load_network(folder / "ensemble" / f"seed-{delivered.seed}")
     addressing = load_network(folder / "addressing" / f"seed-{delivered.seed}" / delivered.variant)
     origin = Origin(
-        title=title,
+        title=params.title,
         params_file=params_file.as_posix(),
+        recipe=params.recipe,
         commit=tracking.code_version(),
         versions={name: version(name) for name in LIBRARIES},
-        target=ensemble.features.target,
+        features=ensemble.features,
         ensemble=EnsembleParams.model_validate(ensemble.notes["params"]["ensemble"], strict=False),
         addressing=AddressingParams.model_validate(addressing.notes["params"], strict=False),
-        spaces=ensemble.features.spaces,
         runs=tracking.run_links(folder),
     )
     paper = PAPER.get(experiment)
@@ -47,9 +49,14 @@ def main(experiment: str, params_file: Path) -> None:
         run.log_artifact(target / "report.html")
         run.log_artifact(target / FIGURES, FIGURES)
         model = PortableDynamics(AddressedDynamics(ensemble.features, ensemble.stack, addressing.stack))
-        arrays = results.arrays
-        action = arrays.action.reshape(len(arrays.observation), -1)
-        run.log_model(model, np.hstack([arrays.observation, action])[:4].astype(np.float32), experiment)
+        run.log_model(model, input_example(results.arrays, ensemble.features.history), experiment)
+
+
+def input_example(arrays: Arrays, history: int) -> Float32[np.ndarray, "4 input"]:
+    """Return inputs of `PortableDynamics` that show their form: test points, each in place of its whole history."""
+    action = arrays.action.reshape(len(arrays.observation), -1)
+    frames = np.hstack([arrays.observation, action])[:4].astype(np.float32)
+    return np.tile(frames, (1, history))
 
 
 if __name__ == "__main__":

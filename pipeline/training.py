@@ -14,7 +14,6 @@ from addressed_dynamics import tracking
 from addressed_dynamics.features.samples import Samples, fingerprint
 from addressed_dynamics.features.spec import FeatureSpec, fit_features
 from addressed_dynamics.files import atomic_path
-from addressed_dynamics.models.stacked import StackedMLP
 from addressed_dynamics.params import FeatureParams
 from addressed_dynamics.tables import load_transitions
 from addressed_dynamics.training.checkpoints import Checkpoint
@@ -44,7 +43,7 @@ def load_training_data(experiment: str, features: FeatureParams | FeatureSpec) -
     """Read the training and validation samples of `experiment`, with features to be fitted or those of a model."""
     train = load_transitions(tables_dir(experiment), split="train")
     validation = load_transitions(tables_dir(experiment), split="validation")
-    spec = features if isinstance(features, FeatureSpec) else fit_features(train, features.target)
+    spec = features if isinstance(features, FeatureSpec) else fit_features(train, features)
     return TrainingData(spec, spec.samples(train), spec.samples(validation))
 
 
@@ -130,8 +129,3 @@ def write_curves(path: Path, rows: list[dict[str, Any]]) -> None:
         writer = csv.DictWriter(file, fieldnames=list(columns), lineterminator="\n")
         writer.writeheader()
         writer.writerows(rows)
-
-
-def parameters_of(stack: StackedMLP) -> int:
-    """Return the number of parameters of all members."""
-    return stack.members * stack.parameters_per_member

@@ -8,6 +8,8 @@ from ruamel.yaml import YAML
 OPTIMISER = {"learning_rate": 1e-3, "betas": [0.9, 0.99], "final_share": 0.01}
 DQN = {
     "kind": "dqn",
+    "frame_skip": 1,
+    "reward_scale": 1.0,
     "learning_rate": 2e-3,
     "batch_size": 32,
     "buffer_size": 1_000,

@@ -10,7 +10,7 @@ from addressed_dynamics.features.samples import Samples
 from addressed_dynamics.features.spec import FeatureSpec, fit_features
 from addressed_dynamics.models.addressed import AddressedDynamics
 from addressed_dynamics.models.stacked import StackedMLP
-from addressed_dynamics.params import AddressingTraining, EnsembleParams, OptimiserParams
+from addressed_dynamics.params import AddressingTraining, EnsembleParams, FeatureParams, OptimiserParams
 from addressed_dynamics.transitions import ContinuousAction, Dimension, DiscreteAction, SpaceSpec, Transitions
 
 ARM = SpaceSpec(
@@ -20,13 +20,14 @@ ARM = SpaceSpec(
 )
 """A world with an unbounded dimension and continuous actions."""
 
+CHANGE = FeatureParams(target="change")
 OPTIMISER = OptimiserParams(learning_rate=1e-2, betas=(0.9, 0.99), final_share=0.1)
 ENSEMBLE = EnsembleParams(
     seeds=(0,), members=2, hidden=(16, 16), activation="relu", loss="mse", optimiser=OPTIMISER, batch_size=8, epochs=6,
     cluster_epochs=4, processes=1,
 )  # fmt: skip
 ADDRESSING = AddressingTraining(
-    hidden=(16,), activation="relu", optimiser=OPTIMISER, batch_size=8, epochs=5, tie_share=0.5
+    hidden=(16,), heads=(), activation="relu", optimiser=OPTIMISER, batch_size=8, epochs=5, tie_share=0.5
 )
 
 
@@ -59,15 +60,15 @@ def swing(lengths: Sequence[int] = (30, 20), seed: int = 0) -> Transitions:
 def car_samples() -> tuple[FeatureSpec, Samples, Samples]:
     """Features of the car, and its samples to train on and to validate with."""
     train = drive((20,) * 10)
-    features = fit_features(train, "change")
+    features = fit_features(train, CHANGE)
     return features, features.samples(train), features.samples(drive((15,) * 4, seed=1))
 
 
 def untrained_model(
-    world: Transitions, members: int = 3, *, seed: int = 0, target: str = "change"
+    world: Transitions, members: int = 3, *, seed: int = 0, target: str = "change", history: int = 1
 ) -> AddressedDynamics:
     """A model of random networks that fits `world`."""
-    features = fit_features(world, target)  # type: ignore[arg-type] # one of its two values
+    features = fit_features(world, FeatureParams.model_validate({"target": target, "history": history}))
     generator = torch.Generator().manual_seed(seed)
     ensemble = StackedMLP(members, (features.inputs, 16, 8, features.outputs), "tanh", generator)
     addressing = StackedMLP(1, (features.inputs, 12, members), "relu", generator) if members > 1 else None

@@ -80,8 +80,9 @@ def test_logs_in_three_encodings_go_all_the_way_to_a_report(tmp_path: Path) -> N
     assert abs(transitions.observation[:, 0]).max() < 1.7
     reports = tmp_path / "data" / "reports" / "pendulum"
     evaluation = json.loads((reports / "evaluation.json").read_text())
-    assert evaluation["rollouts"] == {"kind": "recorded", "steps": 30, "steps_wanted": 30}
-    assert set(evaluation["candidates"]["ensemble/argmax"]["rollouts"]["all"]["mse"]) == {"angle", "speed"}
+    source = {"kind": "recorded", "steps": 30, "steps_wanted": 30, "too_short": {}, "physics": None}
+    assert evaluation["rollouts"] == source
+    assert set(evaluation["candidates"]["ensemble/argmax"]["rollouts"]["groups"]["all"]["mse"]) == {"angle", "speed"}
     report = (reports / "report.html").read_text(encoding="utf-8")
     assert "steps from held-out episodes" in report
     assert "wall" not in report

@@ -5,12 +5,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from example_params import EXAMPLE, write_params
+from example_params import EXAMPLE, OPTIMISER, write_params
 from pydantic import ValidationError
 
 from addressed_dynamics.errors import ParamsError
-from addressed_dynamics.params import DqnBehaviour, ExperimentParams, RecordedRollouts, load_params
+from addressed_dynamics.params import DqnBehaviour, ExperimentParams, RecordedRollouts, load_params, load_recipes
 
+SINGLE = {"hidden": [8], "activation": "relu", "batch_size": 4}
 RECORDED = {"kind": "recorded", "episodes": 3, "steps": 20, "seed": 0}
 
 
@@ -45,6 +46,23 @@ def test_rollouts_may_replay_what_was_recorded(tmp_path: Path) -> None:
     assert params.evaluation.rollouts == RecordedRollouts(kind="recorded", episodes=3, steps=20, seed=0)
 
 
+def test_another_recipe_changes_some_keys_of_some_sections(tmp_path: Path) -> None:
+    changes = {"ensemble": {"loss": "mae", "optimiser": OPTIMISER}, "features": {"target": "absolute"}}
+    section = changed("paper_recipe", changes)
+    default, paper = load_recipes(write_params(tmp_path / "params.yaml", car=section), "car")
+    assert default == read(tmp_path, section)
+    assert (paper.ensemble.loss, paper.features.target) == ("mae", "absolute")
+    assert paper.ensemble.hidden == default.ensemble.hidden
+    assert paper.addressing == default.addressing
+    chosen, other = load_recipes(write_params(tmp_path / "params.yaml", car=section | {"recipe": "paper"}), "car")
+    assert (chosen.ensemble, other.ensemble) == (paper.ensemble, default.ensemble)
+
+
+def test_what_another_recipe_changes_is_checked_even_if_it_is_not_chosen(tmp_path: Path) -> None:
+    with pytest.raises(ParamsError, match=r"car\.ensemble\.losss: unknown key"):
+        read(tmp_path, changed("paper_recipe", {"ensemble": {"losss": "mae"}}))
+
+
 def test_params_cannot_be_changed(tmp_path: Path) -> None:
     params = read(tmp_path, EXAMPLE)
     with pytest.raises(ValidationError, match="frozen"):
@@ -76,6 +94,14 @@ def test_params_cannot_be_changed(tmp_path: Path) -> None:
         ("evaluation.rollouts.environment", ..., "car.evaluation.rollouts.environment: missing key"),
         ("evaluation.rollouts", RECORDED | {"steps": 1}, "car.evaluation.rollouts.steps: input should be greater than"),
         ("evaluation.rollouts", RECORDED | {"environment": {}}, "car.evaluation.rollouts.environment: unknown key"),
+        ("baselines.single_networks.pair", {}, "car.baselines.single_networks.pair"),
+        ("baselines.single_networks.two words", SINGLE, "car.baselines.single_networks.two words"),
+        ("baselines.single_networks.unequal_bins", SINGLE, "'unequal_bins' has a meaning already"),
+        ("baselines.single_networks.wide.epochs", 3, "car.baselines.single_networks.wide.epochs: unknown key"),
+        ("baselines.train", ["wide"], "car.baselines.train.0: input should be"),
+        ("baselines.pair_epochs", -1, "car.baselines.pair_epochs: input should be greater than or equal to 0"),
+        ("addressing.heads", ..., "car.addressing.heads: missing key"),
+        ("addressing.heads", [0], "car.addressing.heads.0: input should be greater than or equal to 1"),
         ("features.target", "relative", "car.features.target: input should be 'absolute' or 'change'"),
     ],
 )

@@ -15,6 +15,7 @@ from stage_dependencies import ROOT, first_party, is_data
 
 from addressed_dynamics.params import load_params
 
+EXPERIMENTS = ("mountaincar", "acrobot")
 STAGES = ("record", "convert", "train_ensemble", "train_addressing", "train_baselines", "evaluate", "report")
 
 
@@ -77,7 +78,8 @@ def edit_params(clone: Path, old: str, new: str) -> None:
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A clone in which the whole pipeline has run once."""
     clone = new_clone(tmp_path_factory.mktemp("clone"))
-    assert sorted(stages_run(dvc(clone, "repro"))) == sorted(f"{stage}@mountaincar" for stage in STAGES)
+    expected = [f"{stage}@{experiment}" for stage in STAGES for experiment in EXPERIMENTS]
+    assert sorted(stages_run(dvc(clone, "repro"))) == sorted(expected)
     return clone
 
 

@@ -7,7 +7,7 @@ import reprlib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import AfterValidator, Field, ValidationError, model_validator
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
@@ -31,20 +31,27 @@ class DqnBehaviour(Section):
     """A DQN (stable-baselines3) that learns while it is recorded."""
 
     kind: Literal["dqn"]
+    frame_skip: Count
+    """Simulated steps in a decision, for which its action is held; each of them is recorded. The intervals below
+    count decisions."""
+    reward_scale: Positive
+    """What the rewards, summed over a decision, are multiplied by for the learner alone. It learns fast if returns are
+    some tens at most: the value network starts at zero, and beyond an error of 1 its loss pulls no harder."""
     learning_rate: Positive
     batch_size: Count
-    """Transitions per gradient step."""
+    """Decisions per gradient step."""
     buffer_size: Count
-    """Transitions kept for replay."""
+    """Decisions kept for replay."""
     learning_starts: Annotated[int, Field(ge=0)]
-    """Transitions recorded before the first gradient step."""
+    """Decisions, over all copies, before the first gradient step."""
     discount: Share
+    """Of the return that follows a decision."""
     return_steps: Count
-    """Rewards that a target sums before it asks the value network for the rest (n-step returns)."""
+    """Decisions whose rewards a target sums before it asks the value network for the rest (n-step returns)."""
     target_update_interval: Count
-    """Transitions between two copies of the value network to the target network."""
+    """Decisions, over all copies, between two copies of the value network to the target network."""
     train_every: Count
-    """Steps of each environment between two rounds of training."""
+    """Decisions of each environment between two rounds of training."""
     gradient_steps: Count
     """Gradient steps in a round of training."""
     exploration_share: Share
@@ -52,7 +59,7 @@ class DqnBehaviour(Section):
     exploration_final: Share
     """Final epsilon."""
     exploration_hold_steps: Annotated[float, Field(ge=1.0)]
-    """Mean number of steps for which a random action is held (geometric)."""
+    """Mean number of decisions for which a random action is held (geometric)."""
     hidden: tuple[Count, ...]
     """Widths of the value network's hidden layers."""
 
@@ -74,13 +81,13 @@ class ConstantBehaviour(Section):
 
 
 class GreedyBehaviour(Section):
-    """The policy that an earlier `dqn` segment ended with, with a share of random actions."""
+    """The policy that an earlier `dqn` segment ended with, with its frame skip and a share of random actions."""
 
     kind: Literal["greedy"]
     segment: str
     """Name of the earlier segment."""
     epsilon: Share
-    """Share of actions drawn uniformly."""
+    """Share of decisions drawn uniformly."""
 
 
 Behaviour = Annotated[DqnBehaviour | RandomBehaviour | ConstantBehaviour | GreedyBehaviour, Field(discriminator="kind")]
@@ -152,11 +159,34 @@ class ConvertParams(Section):
         return self
 
 
+class AngleParams(Section):
+    """An angle that the observation gives by its cosine and its sine."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$")]
+    cosine: str
+    """Name of the dimension with its cosine."""
+    sine: str
+    """Name of the dimension with its sine."""
+    velocity: str | None = None
+    """Name of the dimension with its velocity, in rad/s, if there is one."""
+
+
 class FeatureParams(Section):
     """What a network is given and what it is asked for."""
 
     target: Literal["absolute", "change"]
     """`absolute`: the next state, as in the paper; `change`: the next state minus the state."""
+    history: Count = 1
+    """Number of consecutive frames (states with their actions) that a network is given."""
+    history_weight: Positive = 1.0
+    """Size of the inputs of older frames beside those of the last, which is the state itself; 1 makes no difference
+    between them, as in the paper."""
+    angles: tuple[AngleParams, ...] = ()
+    """Angles given by cosine and sine; predicted cosines and sines are put back on the unit circle."""
+    angle_from: Literal["weighted", "atan2"] = "atan2"
+    """How an angle comes from a predicted cosine and sine: the paper's weighted mean (Section 3.3), or atan2."""
+    velocity: Literal["difference", "predicted"] = "predicted"
+    """Where the angles' velocities come from: differences of successive angles, as in the paper, or the network."""
 
 
 class OptimiserParams(Section):
@@ -187,15 +217,29 @@ class EnsembleParams(Section):
     epochs: Count
     cluster_epochs: Count
     """Bins are made anew in the first so many epochs and kept after that; as many as `epochs` is the paper's way."""
+    restart: bool = False
+    """Whether the networks start again, untrained, when the bins are kept: they then see nothing but their own bins."""
     processes: Count
     """Seeds that are trained at the same time, each in a process with one thread."""
+
+    @model_validator(mode="after")
+    def _restarts_before_the_end(self) -> EnsembleParams:
+        if self.restart and self.cluster_epochs >= self.epochs:
+            message = (
+                f"with restart, cluster_epochs should be below epochs, or nothing is trained after it, but they are "
+                f"{self.cluster_epochs} and {self.epochs}"
+            )
+            raise ValueError(message)
+        return self
 
 
 class AddressingTraining(Section):
     """How an addressing network is made and trained."""
 
     hidden: tuple[Count, ...]
-    """Widths of the hidden layers."""
+    """Widths of the hidden layers; of the trunk's layers, if there are `heads`."""
+    heads: tuple[Count, ...]
+    """Widths of the hidden layers of one head for each member; empty: one output layer for all."""
     activation: Literal["relu", "tanh", "elu"]
     optimiser: OptimiserParams
     batch_size: Count
@@ -222,20 +266,43 @@ class AddressingParams(AddressingTraining):
         return self
 
 
+class SingleNetwork(Section):
+    """One plain network; what is not here is as for the ensemble."""
+
+    hidden: tuple[Count, ...]
+    """Widths of the hidden layers."""
+    activation: Literal["relu", "tanh", "elu"]
+    batch_size: Count
+    """Samples per update."""
+
+
+def _is_free(name: str) -> str:
+    if name in {"total_parameters", "unequal_bins", "random_bins", "pair", "ensemble"}:
+        message = f"'{name}' has a meaning already; give the network another name"
+        raise ValueError(message)
+    return name
+
+
+BaselineName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$"), AfterValidator(_is_free)]
+"""Name of a single network: it becomes a folder, and a title in figures."""
+
+
 class BaselinesParams(Section):
     """What the ensemble is compared with; same data, same number of updates."""
 
-    train: tuple[Literal["total_parameters", "wide", "unequal_bins", "random_bins"], ...]
-    """`total_parameters`: one network with as many parameters as the ensemble; `wide`: the paper's 3 x 512;
-    `unequal_bins`: each sample to its best member; `random_bins`: fixed random bins."""
-    wide_hidden: tuple[Count, ...]
-    """Hidden layers of `wide`."""
-    wide_batch_size: Count
-    """Samples per update of `wide`, which costs as much as a dozen small networks."""
+    train: tuple[Literal["total_parameters", "unequal_bins", "random_bins", "other_recipe"], ...]
+    """`total_parameters`: one network with as many parameters as the ensemble; `unequal_bins`: each sample to its best
+    member; `random_bins`: fixed random bins; `other_recipe`: the ensemble with the paper's recipe, or, if that is the
+    one chosen, with the default."""
+    single_networks: dict[BaselineName, SingleNetwork]
+    """More single networks, under names of their own; all of them are trained."""
+    pair_epochs: Annotated[int, Field(ge=0)]
+    """Epochs of an ensemble of two that is trained for a figure alone (the paper's Fig. 2), from the first seed; 0: no
+    such ensemble."""
     seeds: Annotated[tuple[Seed, ...], Field(min_length=1)]
     """One of each is trained from each seed."""
     addressing: AddressingTraining
-    """The addressing networks of `unequal_bins` and `random_bins`, trained on plain argmin targets."""
+    """The addressing networks of `unequal_bins`, `random_bins` and `other_recipe`, trained on plain argmin targets."""
     processes: Count
     """Networks that are trained at the same time, each in a process with one thread."""
 
@@ -262,9 +329,13 @@ class RecordedRollouts(Section):
     episodes: Count
     """Stretches to replay; fewer if the held-out episodes have no more."""
     steps: Annotated[int, Field(ge=2)]
-    """Steps in a stretch; if no held-out episode is as long, those of the longest."""
+    """Steps in a stretch; if no held-out episode is as long, as many as the longest allows."""
     seed: Seed
     """Which stretches are taken, if there are more than asked for."""
+    physics: Literal["acrobot"] | None = None
+    """`acrobot`: judge angles and energy too, beside simulations by the true equations of motion."""
+    apart: Positive = 1e-6
+    """How far the first angles of two true simulations are apart at the start, in rad, to show what is possible."""
 
 
 class EvaluationParams(Section):
@@ -273,10 +344,22 @@ class EvaluationParams(Section):
     rollouts: Annotated[EnvironmentRollouts | RecordedRollouts, Field(discriminator="kind")]
 
 
+class RecipeChanges(Section):
+    """What another recipe changes: some keys of some sections, which it takes the place of."""
+
+    features: dict[str, Any] = Field(default_factory=dict)
+    ensemble: dict[str, Any] = Field(default_factory=dict)
+    addressing: dict[str, Any] = Field(default_factory=dict)
+
+
 class ExperimentParams(Section):
     """All sections of one experiment; its transitions are either recorded or imported."""
 
     title: str
+    recipe: Literal["default", "paper"] = "default"
+    """Whether the sections below hold as they are, or with what `paper_recipe` changes."""
+    paper_recipe: RecipeChanges = Field(default_factory=RecipeChanges)
+    """What the paper does otherwise; its addressing holds for `baselines.addressing` too."""
     record: RecordParams | None = None
     """What to record; absent if there is a `source`."""
     source: SourceParams | None = None
@@ -304,11 +387,20 @@ _CHOOSERS = ("kind", "by")
 
 
 def load_params(path: Path, experiment: str) -> ExperimentParams:
-    """Read the section of `experiment` from the params file at `path`.
+    """Read the section of `experiment` from the params file at `path`, with the recipe it asks for.
 
     Raises:
         ParamsError: the file is missing or is not YAML, the experiment is not in it, or a key in its section is
             unknown, missing or of a wrong type; the message gives the key's path.
+    """
+    return load_recipes(path, experiment)[0]
+
+
+def load_recipes(path: Path, experiment: str) -> tuple[ExperimentParams, ExperimentParams]:
+    """Read the section of `experiment` as `load_params` does, once with the recipe asked for and once with the other.
+
+    Raises:
+        ParamsError: as in `load_params`.
     """
     document = _read_yaml(path)
     if experiment not in document:
@@ -316,13 +408,15 @@ def load_params(path: Path, experiment: str) -> ExperimentParams:
         known = ", ".join(map(str, sections)) or "none"
         message = f"{path}: there is no experiment '{experiment}' in it (experiments there: {known})"
         raise ParamsError(message)
-    try:
-        return ExperimentParams.model_validate_json(json.dumps(document[experiment]))
-    except ValidationError as error:
-        raise ParamsError(_one_line(path, experiment, document[experiment], error)) from error
-    except TypeError as error:
-        message = f"{path}: the section '{experiment}' has a value of a kind that params cannot hold ({error})"
-        raise ParamsError(message) from error
+    section = document[experiment]
+    default = _validated(path, experiment, section)
+    changes = default.paper_recipe
+    changed = {**section, **{name: {**section[name], **keys} for name, keys in changes}}
+    training = {key: value for key, value in changes.addressing.items() if key in AddressingTraining.model_fields}
+    baselines = section["baselines"]
+    changed["baselines"] = {**baselines, "addressing": {**baselines["addressing"], **training}}
+    paper = _validated(path, experiment, changed)
+    return (default, paper) if default.recipe == "default" else (paper, default)
 
 
 def load_record_params(path: Path, experiment: str) -> RecordParams:
@@ -355,6 +449,16 @@ def load_source_params(path: Path, experiment: str) -> SourceParams:
         )
         raise ParamsError(message)
     return source
+
+
+def _validated(path: Path, experiment: str, section: Any) -> ExperimentParams:
+    try:
+        return ExperimentParams.model_validate_json(json.dumps(section))
+    except ValidationError as error:
+        raise ParamsError(_one_line(path, experiment, section, error)) from error
+    except TypeError as error:
+        message = f"{path}: the section '{experiment}' has a value of a kind that params cannot hold ({error})"
+        raise ParamsError(message) from error
 
 
 def _read_yaml(path: Path) -> dict[str, Any]:

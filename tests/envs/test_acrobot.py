@@ -7,7 +7,14 @@ from gymnasium.envs.classic_control.acrobot import AcrobotEnv
 from hypothesis import given
 from hypothesis import strategies as st
 
-from addressed_dynamics.envs import ACROBOT, Acrobot, acrobot_energy
+from addressed_dynamics.envs import (
+    ACROBOT,
+    Acrobot,
+    acrobot_energy,
+    acrobot_observation,
+    acrobot_state,
+    acrobot_step,
+)
 from addressed_dynamics.errors import SpaceError
 from addressed_dynamics.recording.spaces import space_spec
 from addressed_dynamics.transitions import DiscreteAction
@@ -25,6 +32,42 @@ def test_with_gymnasiums_time_step_it_is_gymnasiums_environment(seed: int) -> No
         found, expected = ours.step(action), theirs.step(action)
         np.testing.assert_array_equal(found[0], expected[0])
         assert found[1:] == expected[1:]
+
+
+@given(st.integers(0, 2**16), st.sampled_from([0.01, 0.02, 0.2]))
+def test_a_step_of_many_states_is_the_step_of_the_environment(seed: int, time_step: float) -> None:
+    env, generator = Acrobot(time_step=time_step, ends_at_goal=False), np.random.default_rng(seed)
+    low, high = np.array([np.pi, np.pi, env.MAX_VEL_1, env.MAX_VEL_2]) * np.array([[-1.0], [1.0]])
+    states, actions = generator.uniform(low, high, (20, 4)), generator.integers(0, 3, 20)
+    shown, after = [], []
+    env.reset(seed=seed)
+    for state, action in zip(states, actions.tolist(), strict=True):
+        env.state = state.copy()
+        shown.append(env.step(action)[0])
+        after.append(env.state)
+    found = acrobot_step(states, actions, time_step)
+    np.testing.assert_allclose(found, after, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(acrobot_observation(found), shown, rtol=1e-6, atol=1e-7)
+    np.testing.assert_allclose(acrobot_step(states[7], actions[7], time_step), found[7], rtol=0.0, atol=1e-12)
+
+
+def test_many_steps_stay_with_the_environment_and_within_its_bounds() -> None:
+    env = Acrobot(ends_at_goal=False, **WIDE)
+    env.reset(seed=5)
+    state = np.array(env.state)
+    for action in np.random.default_rng(5).integers(0, 3, 300):
+        env.step(int(action))
+        state = acrobot_step(state, action, 0.02)
+        np.testing.assert_allclose(state, env.state, rtol=0.0, atol=1e-9)
+    assert (np.abs(state) <= [np.pi, np.pi, env.MAX_VEL_1, env.MAX_VEL_2]).all()
+
+
+@given(st.lists(st.floats(-3.14, 3.14), min_size=4, max_size=4))
+def test_a_state_is_found_again_in_its_observation(numbers: list[float]) -> None:
+    state = np.array(numbers)
+    np.testing.assert_allclose(acrobot_state(acrobot_observation(state)), state, rtol=0.0, atol=1e-14)
+    twice = acrobot_observation(state) * [2.0, 2.0, 0.5, 0.5, 1.0, 1.0]
+    np.testing.assert_allclose(acrobot_state(twice), state, rtol=0.0, atol=1e-14)
 
 
 def drift(time_step: float, seconds: float, seed: int) -> float:

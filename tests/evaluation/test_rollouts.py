@@ -10,7 +10,8 @@ from learning import drive, untrained_model
 
 from addressed_dynamics.envs.mountain_car import mountain_car_step
 from addressed_dynamics.errors import EvaluationError
-from addressed_dynamics.evaluation.rollouts import error_against_horizon, rollout_errors, summarise_rollouts
+from addressed_dynamics.evaluation.rollouts import rollout_errors, summarise_rollouts
+from addressed_dynamics.evaluation.spreads import against_horizon
 from addressed_dynamics.evaluation.truth import TrueRollouts, record_true_rollouts
 from addressed_dynamics.params import EnvironmentParams, EnvironmentRollouts
 from addressed_dynamics.transitions import Dimension
@@ -30,7 +31,7 @@ CAR_DIMENSIONS = CAR.observation
 
 @lru_cache
 def truth() -> TrueRollouts:
-    return record_true_rollouts(PARAMS, CAR_DIMENSIONS)
+    return record_true_rollouts(PARAMS, CAR_DIMENSIONS, 1)
 
 
 @dataclass
@@ -53,8 +54,8 @@ def test_a_perfect_model_has_no_error_and_never_leaves_the_bounds() -> None:
     squared, predicted = errors(truth().states[:, 1:].astype(np.float32))
     summary = summarise_rollouts(squared, predicted, truth(), CAR_DIMENSIONS)
     assert summary["left_bounds_share"] == 0.0
-    assert summary["all"]["mse"]["position"]["max"] == 0.0
-    assert summary["all"]["mse"]["velocity"]["max"] == 0.0
+    assert summary["groups"]["all"]["mse"]["position"]["max"] == 0.0
+    assert summary["groups"]["all"]["mse"]["velocity"]["max"] == 0.0
 
 
 def test_sampled_rollouts_are_the_same_whatever_was_drawn_before() -> None:
@@ -71,16 +72,27 @@ def test_true_rollouts_follow_the_physics_from_state_to_state() -> None:
 
 
 def test_true_rollouts_are_the_same_for_the_same_seed_and_others_for_another() -> None:
-    again = record_true_rollouts(PARAMS, CAR_DIMENSIONS)
-    other = record_true_rollouts(PARAMS.model_copy(update={"seed": 8}), CAR_DIMENSIONS)
+    again = record_true_rollouts(PARAMS, CAR_DIMENSIONS, 1)
+    other = record_true_rollouts(PARAMS.model_copy(update={"seed": 8}), CAR_DIMENSIONS, 1)
     np.testing.assert_array_equal(again.states, truth().states)
     assert (other.actions != truth().actions).any()
 
 
 def test_episodes_that_touch_a_wall_are_told_from_those_that_do_not() -> None:
     touched = [bool(((p <= np.float32(-1.2)) | (p >= np.float32(0.6))).any()) for p in truth().states[:, 1:, 0]]
-    assert truth().touched_bounds.tolist() == touched
+    assert truth().groups["wall"].tolist() == touched
+    assert truth().groups["no_wall"].tolist() == [not each for each in touched]
+    assert truth().groups["all"].all()
     assert len(set(touched)) == 2
+
+
+def test_the_first_steps_of_an_environment_are_the_history_of_a_model() -> None:
+    steps = PARAMS.model_copy(update={"steps": 147})
+    found = record_true_rollouts(steps, CAR_DIMENSIONS, 4)
+    np.testing.assert_array_equal(found.history_states, truth().states[:, :4])
+    np.testing.assert_array_equal(found.history_actions, truth().actions[:, :3])
+    np.testing.assert_array_equal(found.states, truth().states[:, 3:])
+    np.testing.assert_array_equal(found.actions, truth().actions[:, 3:])
 
 
 def test_errors_and_their_summary_equal_a_loop_over_the_episodes() -> None:
@@ -91,10 +103,10 @@ def test_errors_and_their_summary_equal_a_loop_over_the_episodes() -> None:
     summary = summarise_rollouts(squared, returned, truth(), CAR_DIMENSIONS)
     for group, members in {
         "all": range(12),
-        "wall": np.flatnonzero(truth().touched_bounds),
-        "no_wall": np.flatnonzero(~truth().touched_bounds),
+        "wall": np.flatnonzero(truth().groups["wall"]),
+        "no_wall": np.flatnonzero(truth().groups["no_wall"]),
     }.items():
-        assert summary[group]["episodes"] == len(members)
+        assert summary["groups"][group]["episodes"] == len(members)
         for index, name in enumerate(("position", "velocity")):
             per_episode = [
                 np.mean(
@@ -102,7 +114,7 @@ def test_errors_and_their_summary_equal_a_loop_over_the_episodes() -> None:
                 )
                 for e in members
             ]
-            found = summary[group]["mse"][name]
+            found = summary["groups"][group]["mse"][name]
             assert found["median"] == pytest.approx(np.median(per_episode))
             assert found["mean"] == pytest.approx(np.mean(per_episode))
             assert found["max"] == pytest.approx(max(per_episode))
@@ -139,14 +151,22 @@ def test_a_rollout_that_diverges_counts_as_a_large_finite_error(value: float) ->
 
 
 def test_the_error_at_a_horizon_is_that_of_the_state_after_so_many_steps() -> None:
-    squared = np.random.default_rng(0).random((12, 150, 2))
-    rows = error_against_horizon(squared, CAR_DIMENSIONS, every=50)
-    assert [row["horizon"] for row in rows] == [50, 100, 150]
+    values = {name: np.random.default_rng(index).random((12, 150)) for index, name in enumerate(("push", "pull"))}
+    rows = against_horizon(values, truth())
+    assert [(row["group"], row["horizon"]) for row in rows] == [
+        (group, horizon) for group in ("all", "no_wall", "wall") for horizon in range(7, 151, 7)
+    ]
     for row in rows:
-        at = squared[:, int(row["horizon"]) - 1]
-        assert row["position_p50"] == pytest.approx(np.median(at[:, 0]))
-        assert row["velocity_p90"] == pytest.approx(np.quantile(at[:, 1], 0.9))
-        assert row["velocity_p10"] == pytest.approx(np.quantile(at[:, 1], 0.1))
+        at = {name: each[truth().groups[row["group"]], row["horizon"] - 1] for name, each in values.items()}
+        assert row["push_p50"] == pytest.approx(np.median(at["push"]), rel=1e-4)
+        assert row["pull_p90"] == pytest.approx(np.quantile(at["pull"], 0.9), rel=1e-4)
+        assert row["pull_p10"] == pytest.approx(np.quantile(at["pull"], 0.1), rel=1e-4)
+
+
+def test_a_group_without_episodes_has_no_place_in_the_table() -> None:
+    nobody = np.zeros(12, dtype=bool)
+    rows = against_horizon({"push": np.ones((12, 150))}, replace(truth(), groups={"all": ~nobody, "wall": nobody}))
+    assert {row["group"] for row in rows} == {"all"}
 
 
 def test_the_rollouts_of_a_model_are_compared_with_the_states_after_each_action() -> None:
@@ -173,5 +193,5 @@ def test_environments_that_cannot_be_rolled_out_are_refused(environment: dict[st
     dimensions = tuple(Dimension(f"observation_{i}", "", -1.0, 1.0) for i in range(4))
     wanted = dimensions if "CartPole" in params.environment.id else CAR_DIMENSIONS
     with pytest.raises(EvaluationError, match=message) as caught:
-        record_true_rollouts(params, wanted)
+        record_true_rollouts(params, wanted, 1)
     assert "\n" not in str(caught.value)

@@ -7,11 +7,12 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from learning import ARM, drive, swing
+from learning import ARM, CHANGE, drive, swing
 from strategies import space_specs
 
 from addressed_dynamics.errors import ModelError, TransitionsError
 from addressed_dynamics.features.spec import DEVIATION_FLOOR, FeatureSpec, fit_features
+from addressed_dynamics.params import FeatureParams
 from addressed_dynamics.transitions import COLUMNS, Dimension, DiscreteAction, SpaceSpec, Transitions
 
 TARGETS = ("absolute", "change")
@@ -65,7 +66,7 @@ def one_step_episodes(spec: SpaceSpec, before: np.ndarray, action: np.ndarray, a
 def test_decoding_an_encoded_target_gives_the_next_state(
     case: tuple[SpaceSpec, np.ndarray, np.ndarray, np.ndarray], target: Target
 ) -> None:
-    features = fit_features(one_step_episodes(*case), target)
+    features = fit_features(one_step_episodes(*case), FeatureParams(target=target))
     before, after = torch.from_numpy(case[1]), torch.from_numpy(case[3])
     decoded = features.decode(features.encode_target(before, after), before)
     # float32 cannot do better than this share of the largest number that takes part, in units of the dimension's scale.
@@ -80,7 +81,7 @@ def test_inputs_of_the_training_data_have_mean_0_and_deviation_1_unless_they_are
     case: tuple[SpaceSpec, np.ndarray, np.ndarray, np.ndarray],
 ) -> None:
     transitions = one_step_episodes(*case)
-    x = fit_features(transitions, "change").samples(transitions).x.double()
+    x = fit_features(transitions, CHANGE).samples(transitions).x.double()
     constant = (x - x[0]).abs().amax(dim=0) < 1e-12
     assert float(x.mean(dim=0)[~constant].abs().sum()) <= 1e-4 * x.shape[1]
     torch.testing.assert_close(x.std(dim=0, correction=0)[~constant], torch.ones(int((~constant).sum())).double())
@@ -89,14 +90,14 @@ def test_inputs_of_the_training_data_have_mean_0_and_deviation_1_unless_they_are
 @settings(max_examples=40)
 @given(spaces_and_states(), st.sampled_from(TARGETS))
 def test_a_spec_survives_json(case: tuple[SpaceSpec, np.ndarray, np.ndarray, np.ndarray], target: Target) -> None:
-    features = fit_features(one_step_episodes(*case), target)
+    features = fit_features(one_step_episodes(*case), FeatureParams(target=target))
     assert FeatureSpec.from_json(json.loads(json.dumps(features.to_json(), allow_nan=False))) == features
 
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_targets_equal_the_formula_in_float64(target: Target) -> None:
     world = drive()
-    features = fit_features(world, target)
+    features = fit_features(world, FeatureParams(target=target))
     scale = np.array([1.8, 0.14])
     raw = world.next_observation.astype(float) - (world.observation.astype(float) if target == "change" else 0.0)
     scaled = raw / scale
@@ -109,7 +110,7 @@ def test_targets_equal_the_formula_in_float64(target: Target) -> None:
 @pytest.mark.parametrize("loss", ["mse", "mae"])
 def test_a_loss_times_its_unit_is_the_loss_of_states_scaled_to_one(loss: Literal["mse", "mae"]) -> None:
     world = drive()
-    features = fit_features(world, "change")
+    features = fit_features(world, CHANGE)
     target = features.samples(world).y
     output = target + torch.randn(target.shape, generator=torch.Generator().manual_seed(0))
     predicted = features.decode(output, torch.from_numpy(world.observation)).double()
@@ -120,7 +121,7 @@ def test_a_loss_times_its_unit_is_the_loss_of_states_scaled_to_one(loss: Literal
 
 
 def test_discrete_actions_are_one_hot() -> None:
-    features = fit_features(drive(), "change")
+    features = fit_features(drive(), CHANGE)
     x = features.encode(torch.zeros(3, 2), torch.tensor([0, 1, 2]))
     one_hot = x[:, 2:] * torch.tensor(features.input_deviation[2:]) + torch.tensor(features.input_mean[2:])
     torch.testing.assert_close(one_hot, torch.eye(3))
@@ -128,7 +129,7 @@ def test_discrete_actions_are_one_hot() -> None:
 
 def test_continuous_actions_enter_normalised() -> None:
     world = swing()
-    features = fit_features(world, "change")
+    features = fit_features(world, CHANGE)
     assert features.inputs == 4
     x = features.encode(torch.from_numpy(world.observation), torch.from_numpy(world.action))
     expected = (world.action - world.action.mean(axis=0)) / world.action.std(axis=0)
@@ -137,7 +138,7 @@ def test_continuous_actions_enter_normalised() -> None:
 
 def test_an_unbounded_dimension_is_scaled_by_the_range_of_the_data() -> None:
     world = swing()
-    features = fit_features(world, "absolute")
+    features = fit_features(world, FeatureParams(target="absolute"))
     assert features.scale == pytest.approx((float(np.ptp(world.observation[:, 0].astype(float))), 16.0))
 
 
@@ -148,35 +149,35 @@ def test_a_constant_column_is_divided_by_the_floor_and_not_by_nothing() -> None:
         np.array([[0.5, 0.0], [0.5, 1.0]], dtype=np.float32),
         np.array([[3.0, 2.0], [3.0, 3.0]], dtype=np.float32),
     )
-    features = fit_features(world, "change")
+    features = fit_features(world, CHANGE)
     assert features.scale[0] == 1.0
     assert features.input_deviation[0] == features.input_deviation[2] == DEVIATION_FLOOR
     assert float(features.samples(world).x.abs().max()) <= 1.0 + 1e-6
-    still = fit_features(replace(world, next_observation=world.observation), "change")
+    still = fit_features(replace(world, next_observation=world.observation), CHANGE)
     assert still.target_deviation == DEVIATION_FLOOR
 
 
 def test_a_bound_on_one_side_only_counts_as_none() -> None:
     world = swing()
     half = respace(world, (Dimension("angle", "rad", 0.0, np.inf), ARM.observation[1]))
-    assert fit_features(half, "change").scale == fit_features(world, "change").scale
+    assert fit_features(half, CHANGE).scale == fit_features(world, CHANGE).scale
 
 
 def test_samples_keep_the_order_the_episodes_and_the_steps() -> None:
     world = drive()
-    samples = fit_features(world, "change").samples(world)
+    samples = fit_features(world, CHANGE).samples(world)
     assert samples.episode.tolist() == world.episode.tolist()
     assert samples.step.tolist() == world.step.tolist()
 
 
 def test_transitions_of_other_spaces_are_refused() -> None:
     with pytest.raises(ModelError, match="spaces"):
-        fit_features(drive(), "change").samples(swing())
+        fit_features(drive(), CHANGE).samples(swing())
 
 
 def test_no_transitions_are_refused() -> None:
     with pytest.raises(TransitionsError, match="no training transitions"):
-        fit_features(empty(drive()), "change")
+        fit_features(empty(drive()), CHANGE)
 
 
 @pytest.mark.parametrize(
@@ -194,17 +195,17 @@ def test_inputs_of_a_wrong_shape_and_actions_that_do_not_exist_are_refused(
     observation: torch.Tensor, action: torch.Tensor, message: str
 ) -> None:
     with pytest.raises(ModelError, match=message):
-        fit_features(drive(), "change").encode(observation, action)
+        fit_features(drive(), CHANGE).encode(observation, action)
 
 
 def test_continuous_actions_of_a_wrong_shape_are_refused() -> None:
     with pytest.raises(ModelError, match=r"shape \(3, 2\), but have \(3, 1\)"):
-        fit_features(swing(), "change").encode(torch.zeros(3, 2), torch.zeros(3, 1))
+        fit_features(swing(), CHANGE).encode(torch.zeros(3, 2), torch.zeros(3, 1))
 
 
 @pytest.mark.parametrize("key", ["spaces", "target", "scale", "target_deviation"])
 def test_a_description_with_a_key_missing_is_refused(key: str) -> None:
-    value = fit_features(drive(), "change").to_json()
+    value = fit_features(drive(), CHANGE).to_json()
     del value[key]
     with pytest.raises(ModelError, match="incomplete or malformed"):
         FeatureSpec.from_json(value)
@@ -215,4 +216,4 @@ def test_a_description_with_a_key_missing_is_refused(key: str) -> None:
 )
 def test_a_description_with_a_wrong_value_is_refused(key: str, found: object) -> None:
     with pytest.raises(ModelError, match="incomplete or malformed"):
-        FeatureSpec.from_json(fit_features(drive(), "change").to_json() | {key: found})
+        FeatureSpec.from_json(fit_features(drive(), CHANGE).to_json() | {key: found})

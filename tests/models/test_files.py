@@ -11,6 +11,7 @@ from learning import drive, untrained_model
 
 from addressed_dynamics.errors import ModelError
 from addressed_dynamics.models.files import SavedNetwork, load_network, read_index, save_network
+from addressed_dynamics.models.stacked import StackedMLP
 
 NOTES = {"params": {"seed": 3}, "training": "seed-3"}
 
@@ -47,6 +48,22 @@ def test_what_is_saved_is_loaded_bit_for_bit(folder: Path) -> None:
     for found, expected in zip(loaded.stack.parameters(), model.ensemble.parameters(), strict=True):
         assert torch.equal(found, expected)
         assert not found.requires_grad
+
+
+def test_heads_on_a_trunk_are_loaded_as_they_were_saved(folder: Path) -> None:
+    stack = StackedMLP(3, (5, 8, 4, 1), "tanh", torch.Generator().manual_seed(0), shared=2)
+    save_network(folder, SavedNetwork(stack, load_network(folder).features, {}))
+    loaded = load_network(folder).stack
+    assert (loaded.members, loaded.widths, loaded.shared) == (3, (5, 8, 4, 1), 2)
+    x = torch.randn(6, 5)
+    assert torch.equal(loaded(x), stack(x))
+
+
+def test_a_network_of_an_earlier_version_shares_no_layers(folder: Path) -> None:
+    config = json.loads((folder / "config.json").read_text())
+    del config["architecture"]["shared"]
+    (folder / "config.json").write_text(json.dumps(config))
+    assert load_network(folder).stack.shared == 0
 
 
 def test_the_same_network_makes_the_same_bytes(folder: Path, tmp_path: Path) -> None:
@@ -128,6 +145,8 @@ def test_tensors_that_are_missing_or_too_many_are_refused(folder: Path, change: 
         (("architecture", "widths"), [5]),
         (("architecture", "members"), 0),
         (("architecture", "activation"), "sine"),
+        (("architecture", "shared"), 9),
+        (("architecture", "shared"), "some"),
         (("features",), None),
         (("features", "spaces", "action"), {"kind": "discrete"}),
         (("features", "scale"), [1.0, 1.0, 1.0]),

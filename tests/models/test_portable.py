@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 from builders import CAR, car_transitions
+from learning import CHANGE
 
 from addressed_dynamics import tracking
 from addressed_dynamics.features.spec import FeatureSpec, fit_features
@@ -27,13 +28,15 @@ def random_model(features: FeatureSpec, members: int) -> AddressedDynamics:
 
 
 def pendulum_features() -> FeatureSpec:
-    return FeatureSpec(PENDULUM, "absolute", (0.1,) * 5, (2.0,) * 5, (2.0,) * 3, (0.2,) * 3, 0.7)
+    return FeatureSpec(
+        PENDULUM, 1, 1.0, "absolute", (), "atan2", "predicted", (0.1,) * 5, (2.0,) * 5, (2.0,) * 3, (0.2,) * 3, 0.7
+    )
 
 
 @pytest.mark.parametrize("members", [1, 2, 5])
 def test_it_predicts_what_the_model_does_from_discrete_actions(members: int) -> None:
     transitions = car_transitions([40, 30])
-    model = random_model(fit_features(transitions, "change"), members)
+    model = random_model(fit_features(transitions, CHANGE), members)
     inputs = np.hstack([transitions.observation, transitions.action[:, None]]).astype(np.float32)
     with torch.no_grad():
         found = PortableDynamics(model)(torch.from_numpy(inputs)).numpy()
@@ -59,7 +62,7 @@ def test_a_model_kept_by_mlflow_predicts_after_loading_what_it_did_before(
     monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
     transitions = car_transitions([40, 30])
     assert transitions.spec == CAR
-    model = random_model(fit_features(transitions, "change"), 2)
+    model = random_model(fit_features(transitions, CHANGE), 2)
     inputs = np.hstack([transitions.observation, transitions.action[:, None]]).astype(np.float32)
     with tracking.run(stage="report", experiment="car", name="n", params={}) as run:
         run.log_model(PortableDynamics(model), inputs[:4], "car")

@@ -8,7 +8,8 @@ from example_params import DQN
 from gymnasium import spaces
 
 from addressed_dynamics.params import DqnBehaviour
-from addressed_dynamics.recording.dqn import _ScaledByBounds, learn
+from addressed_dynamics.recording.acting import FrameSkip
+from addressed_dynamics.recording.dqn import _model, _ScaledByBounds, learn
 
 
 class Corridor(gymnasium.Env):
@@ -32,6 +33,20 @@ class Corridor(gymnasium.Env):
         return np.array([self.cell], dtype=np.float32)
 
 
+class Counted(gymnasium.Wrapper):
+    """Counts the steps, and keeps the rewards."""
+
+    def __init__(self, env):
+        super().__init__(env)
+        self.steps, self.rewards = 0, []
+
+    def step(self, action):
+        self.steps += 1
+        result = self.env.step(action)
+        self.rewards.append(result[1])
+        return result
+
+
 def behaviour(**changes) -> DqnBehaviour:
     return DqnBehaviour.model_validate(DQN | {"hidden": (16,), "train_every": 1, "gradient_steps": 1} | changes)
 
@@ -52,6 +67,23 @@ def test_the_same_seed_learns_the_same_policy_whatever_the_global_generators_say
         policy = learn([Corridor()], behaviour(), transitions=150, seed=3, progress=lambda _: None)
         learned.append(policy(observations).tolist())
     assert learned[0] == learned[1]
+
+
+def test_copies_with_unequally_many_decisions_make_equally_many_steps() -> None:
+    counted = [Counted(Corridor()) for _ in range(3)]
+    made: list[int] = []
+    learn(counted, behaviour(frame_skip=7, learning_starts=10), transitions=600, seed=0, progress=made.append)
+    assert [copy.steps for copy in counted] == [200] * 3
+    assert sum(made) == 600
+
+
+def test_the_learner_alone_is_given_scaled_rewards() -> None:
+    counted = Counted(Corridor())
+    model = _model([FrameSkip(counted, 3, 100)], behaviour(reward_scale=0.5), seed=0)
+    model.env.reset()
+    _, rewards, _, _ = model.env.step(np.array([0]))
+    assert rewards.tolist() == pytest.approx([-0.15])
+    assert counted.rewards == [-0.1] * 3
 
 
 def test_observations_are_scaled_by_their_bounds_and_left_alone_without() -> None:

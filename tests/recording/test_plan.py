@@ -111,6 +111,48 @@ def test_the_continuing_environment_is_known_and_takes_arguments(tmp_path: Path)
     assert np.bincount(whole.step)[49] == 4
 
 
+def frame_skipping_plan(seed: int = 0) -> RecordParams:
+    """Return a plan of a learner that holds actions for 4 steps in episodes of up to 45, and of one that follows it."""
+    environment = {"id": "addressed_dynamics/Acrobot-v0", "kwargs": {"max_episode_steps": 45, "start_angle": [-3, 3]}}
+    learner = EXAMPLE["record"]["segments"][0]
+    learning = learner["behaviour"] | {"frame_skip": 4, "reward_scale": 0.25, "train_every": 3, "learning_starts": 20}
+    segments = [
+        learner | {"name": "learner", "behaviour": learning, "environment": environment, "seed": seed},
+        learner
+        | {"name": "late", "behaviour": {"kind": "greedy", "segment": "learner", "epsilon": 0.9}}
+        | {"environment": environment, "seed": seed},
+    ]
+    return RecordParams.model_validate_json(json.dumps({"shard_transitions": 10_000, "segments": segments}))
+
+
+def test_every_step_is_recorded_where_a_learner_and_who_follows_it_hold_their_actions(tmp_path: Path) -> None:
+    record(tmp_path, frame_skipping_plan())
+    logs = sorted(tmp_path.iterdir())
+    assert [log.name.split("-")[0] for log in logs] == ["late"] * 2 + ["learner"] * 2
+    for log in logs:
+        transitions = read_log(log).transitions
+        assert len(transitions) == 200
+        assert transitions.reward.max() <= 0.0
+        assert transitions.reward.min() == -1.0
+        lengths = []
+        for rows in transitions.episode_slices():
+            observation, action = transitions.observation[rows], transitions.action[rows]
+            np.testing.assert_array_equal(observation[1:], transitions.next_observation[rows][:-1])
+            assert set(np.flatnonzero(np.diff(action)) % 4) <= {3}
+            lengths.append(len(action))
+        assert any(length % 4 for length in lengths[:-1]), "an episode should end inside a decision"
+        assert len(set(transitions.action.tolist())) > 1
+
+
+def test_a_plan_with_held_actions_records_the_same_again(tmp_path: Path) -> None:
+    first, again, other = (
+        read_transitions(record(tmp_path / name, frame_skipping_plan(seed)))
+        for name, seed in (("first", 0), ("again", 0), ("other", 1))
+    )
+    assert_same(first, again)
+    assert (first.action != other.action).any()
+
+
 @pytest.mark.parametrize(
     ("behaviour", "environment", "what"),
     [

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from acrobot_recordings import acrobot_spaces
 from builders import CAR
 from report_examples import DATA, origin, write_results
 
@@ -39,7 +40,7 @@ class Page(HTMLParser):
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.tags.append((tag, dict(attrs)))
-        if tag not in {"meta", "img"}:
+        if tag not in {"meta", "img", "source"}:
             self.open.append(tag)
 
     def handle_endtag(self, tag: str) -> None:
@@ -66,11 +67,22 @@ def test_the_page_is_whole_and_loads_nothing_from_elsewhere(report: Report) -> N
     page = Page(text)
     assert page.open == []
     assert not {"script", "link", "iframe", "object"} & {tag for tag, _ in page.tags}
-    pictures = [attributes for tag, attributes in page.tags if tag == "img"]
+    pictures: list[Any] = [attributes for tag, attributes in page.tags if tag == "img"]
     assert len(pictures) == len(report.panels) > 15
-    assert all(str(each["src"]).startswith("data:image/png;base64,iVBOR") and each["alt"] for each in pictures)
+    starts = {"png": "data:image/png;base64,iVBOR", "gif": "data:image/gif;base64,R0lGOD"}
+    for attributes, panel in zip(pictures, report.panels, strict=True):
+        assert attributes["src"].startswith(starts[panel.format])
+        assert attributes["alt"] == panel.alternative
     assert "url(" not in text
     assert "@import" not in text
+
+
+def test_pictures_move_only_for_readers_who_do_not_mind(report: Report) -> None:
+    sources: list[Any] = [attributes for tag, attributes in Page(render_html(report)).tags if tag == "source"]
+    films = [panel for panel in report.panels if panel.format == "gif"]
+    assert len(sources) == len(films) == 2
+    assert all("prefers-reduced-motion: reduce" in each["media"] for each in sources)
+    assert all(each["srcset"].startswith("data:image/png;base64,iVBOR") for each in sources)
 
 
 def test_the_links_of_the_page_lead_to_its_sections_and_to_the_runs(report: Report) -> None:
@@ -109,7 +121,7 @@ def test_the_files_are_written_with_the_pictures_that_the_markdown_names(report:
 def test_the_same_results_make_the_same_bytes(report: Report, tmp_path: Path) -> None:
     again = example(tmp_path)
     assert render_html(again) == render_html(report)
-    assert b"matplotlib" not in b"".join(panel.png for panel in again.panels).lower()
+    assert b"matplotlib" not in b"".join(panel.content for panel in again.panels).lower()
 
 
 def test_the_paper_stands_beside_the_measured_table(report: Report) -> None:
@@ -153,6 +165,20 @@ def test_imported_logs_have_a_report_without_walls_the_paper_s_claims_or_a_learn
     assert {f"rollout-0-joint_{i}" for i in range(width)} < shown
     assert ("map-selected-0" in shown) == (width > 1)
     assert headline(results, None)["rollout_mse/joint_0"] == 1e-6
+
+
+@pytest.mark.slow
+def test_rollouts_of_acrobot_have_their_angles_and_energy_in_the_report(tmp_path: Path) -> None:
+    changes: dict[str, Any] = {"wall_free": None, "segments": {"learning": 3, "zero_torque": 2}}
+    spaces = acrobot_spaces()
+    report = build_report(load_results(*write_results(tmp_path, spaces=spaces, **changes)), origin(spaces), None)
+    shown = [panel.name for panel in report.panels]
+    assert {f"{name}-{group}" for name in ("angle-1-error", "energy-drift") for group in (0, 1)} < set(shown)
+    assert len(shown) == len(set(shown))
+    text = render_markdown(report)
+    assert "Time until the angle error passes 0.5 rad" in text
+    assert "wall contact" not in text
+    assert "nan" not in text.lower()
 
 
 FINDINGS = [

@@ -32,7 +32,7 @@ def refusal(folder: Path) -> str:
 def test_what_was_written_is_read(tmp_path: Path) -> None:
     results = load_results(*write_results(tmp_path))
     assert results.evaluation.table.agreement == 0.97
-    assert results.horizon["wide/seed-0"]["horizon"].tolist() == [10, 20]
+    assert results.horizon["all"]["wide/seed-0"]["horizon"].tolist() == [10, 20]
     assert len(results.arrays.chosen) == 300
 
 
@@ -58,6 +58,15 @@ def test_a_missing_key_is_named_with_its_path(tmp_path: Path) -> None:
     assert "candidates.ensemble/argmax.one_step.scaled.mean: Field required" in refusal(tmp_path)
 
 
+def test_rollouts_without_a_group_of_all_are_refused(tmp_path: Path) -> None:
+    reports, _ = write_results(tmp_path)
+    document = json.loads((reports / "evaluation.json").read_text())
+    groups = document["candidates"]["ensemble/argmax"]["rollouts"]["groups"]
+    groups["everything"] = groups.pop("all")
+    (reports / "evaluation.json").write_text(json.dumps(document))
+    assert "candidates.ensemble/argmax.rollouts: Value error, there is no group 'all'" in refusal(tmp_path)
+
+
 def test_a_delivered_model_that_was_not_measured_is_refused(tmp_path: Path) -> None:
     write_results(tmp_path, delivered={"seed": 5, "variant": "plain"})
     assert "seed 5 with plain addressing was not measured; run evaluate again" in refusal(tmp_path)
@@ -74,7 +83,7 @@ def test_a_curve_without_its_columns_is_refused(tmp_path: Path, header: str, sai
 
 def test_a_curve_with_words_for_numbers_is_refused(tmp_path: Path) -> None:
     reports, _ = write_results(tmp_path)
-    (reports / "horizon.csv").write_text("model,horizon\nwide/seed-0,ten\n")
+    (reports / "horizon.csv").write_text("model,group,horizon\nwide/seed-0,all,ten\n")
     assert "a cell is not a number" in refusal(tmp_path)
 
 

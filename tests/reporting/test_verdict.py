@@ -5,17 +5,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 from report_examples import candidate, evaluation, evaluation_json, table
 
+from addressed_dynamics.reporting.comparison import relate
 from addressed_dynamics.reporting.paper import PAPER
 from addressed_dynamics.reporting.records import Evaluation
-from addressed_dynamics.reporting.targets import judge_targets
-from addressed_dynamics.reporting.verdict import findings, relate, verdict
+from addressed_dynamics.reporting.targets import Target, judge_targets
+from addressed_dynamics.reporting.verdict import findings, verdict
 
 CAR_PAPER = PAPER["mountaincar"]
 errors = st.lists(st.floats(1e-12, 1.0), min_size=1, max_size=5)
 
 
+def judged(found: Evaluation) -> tuple[Target, ...]:
+    return judge_targets(found, CAR_PAPER, transitions=1000)
+
+
 def said(found: Evaluation) -> str:
-    return " ".join([verdict(found, judge_targets(found, CAR_PAPER)), *findings(found)])
+    return " ".join([verdict(found, judged(found), CAR_PAPER), *findings(found, CAR_PAPER)])
 
 
 def test_a_model_that_is_better_in_all_beats_one_network_of_the_same_size() -> None:
@@ -54,7 +59,7 @@ def test_the_paper_itself_reaches_the_targets_taken_from_it() -> None:
         row |= {"selected": network.selected, "not_selected": network.not_selected}
     document["seeds"]["0"]["cost_sensitive"]["misclassified_per_thousand"] = 27.0
     found = Evaluation.model_validate(document)
-    assert all(target.met for target in judge_targets(found, CAR_PAPER))
+    assert all(target.met for target in judged(found))
     assert "reaches all of the five figures" in said(found)
 
 
@@ -65,13 +70,13 @@ def test_the_paper_itself_reaches_the_targets_taken_from_it() -> None:
 def test_a_figure_beyond_its_bound_is_missed(key: str, value: float, place: int) -> None:
     document = evaluation_json((1e-7, 1e-8))
     document["seeds"]["0"]["cost_sensitive"] = table(**{key: value})
-    targets = judge_targets(Evaluation.model_validate(document), CAR_PAPER)
+    targets = judged(Evaluation.model_validate(document))
     assert [target.met for target in targets] == [index != place for index in range(5)]
 
 
 def test_a_member_that_is_never_selected_is_said_and_counts_as_missed() -> None:
     found = evaluation(unused=True)
-    first, second, *_ = judge_targets(found, CAR_PAPER)
+    first, second, *_ = judged(found)
     assert (first.met, second.met) == (False, None)
     assert "never selected" in first.found
     assert "Subnetwork 2 is never selected" in said(found)
@@ -79,20 +84,22 @@ def test_a_member_that_is_never_selected_is_said_and_counts_as_missed() -> None:
 
 def test_what_cannot_be_measured_is_open_and_not_reached() -> None:
     found = evaluation((1e-7, 1e-8), wall_free=0)
-    assert [target.met for target in judge_targets(found, CAR_PAPER)] == [True, True, True, True, None]
+    assert [target.met for target in judged(found)] == [True, True, True, True, None]
     assert "reaches four of the five figures taken from the paper; one could not be measured" in said(found)
 
 
 def test_recorded_rollouts_say_nothing_of_walls_and_leave_what_needs_them_open() -> None:
     found = evaluation((1e-7, 1e-8), wall_free=None)
-    assert [target.met for target in judge_targets(found, CAR_PAPER)] == [True, True, True, True, None]
-    (rollouts,) = (sentence for sentence in findings(found) if "rollouts" in sentence and "median MSE" in sentence)
+    assert [target.met for target in judged(found)] == [True, True, True, True, None]
+    (rollouts,) = (
+        sentence for sentence in findings(found, CAR_PAPER) if "rollouts" in sentence and "median MSE" in sentence
+    )
     assert rollouts.startswith("In 5 free-running rollouts of 30 steps beside held-out episodes the median MSE is")
     assert "wall" not in rollouts
 
 
 def test_an_experiment_that_is_not_in_the_paper_is_not_held_against_its_claims() -> None:
-    text = " ".join(findings(evaluation((1e-9, 1e-6), (1e-6, 1e-5)), in_paper=False))
+    text = " ".join(findings(evaluation((1e-9, 1e-6), (1e-6, 1e-5)), None))
     assert "It beats one wide network" in text
     assert "paper" not in text
 
@@ -118,5 +125,7 @@ def test_a_model_without_baselines_is_not_compared() -> None:
 
 
 def test_an_experiment_with_another_paper_has_its_figures() -> None:
-    paper = dataclasses.replace(CAR_PAPER, misclassified_at_most=1.0, rollouts={})
-    assert [target.met for target in judge_targets(evaluation(), paper)] == [True, True, False]
+    assert CAR_PAPER.table is not None
+    table = dataclasses.replace(CAR_PAPER.table, misclassified_at_most=1.0)
+    paper = dataclasses.replace(CAR_PAPER, table=table, rollouts={})
+    assert [target.met for target in judge_targets(evaluation(), paper, transitions=1000)] == [True, True, False]

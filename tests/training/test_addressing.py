@@ -11,7 +11,6 @@ from learning import ADDRESSING, car_samples
 
 from addressed_dynamics.errors import TrainingError
 from addressed_dynamics.features.samples import Samples
-from addressed_dynamics.models.stacked import StackedMLP
 from addressed_dynamics.params import AddressingTraining
 from addressed_dynamics.training.addressing import (
     Variant,
@@ -21,12 +20,15 @@ from addressed_dynamics.training.addressing import (
     misclassification_weights,
     resample,
     train_addressing,
+    untrained_addressing,
 )
 from addressed_dynamics.training.checkpoints import Checkpoint
 from addressed_dynamics.training.epochs import Epoch
 
 _, TRAIN, VALIDATION = car_samples()
 VARIANTS: list[Variant] = ["plain", "cost_sensitive"]
+HEADED = ADDRESSING.model_copy(update={"hidden": (16,), "heads": (8,), "activation": "tanh"})
+FORMS = pytest.mark.parametrize("form", [ADDRESSING, HEADED], ids=["plain", "heads"])
 
 
 def profiles(samples: Samples) -> torch.Tensor:
@@ -44,30 +46,48 @@ def weights(epoch: Epoch) -> bytes:
     return b"".join(parameter.detach().numpy().tobytes() for parameter in epoch.network.parameters())
 
 
+@FORMS
 @pytest.mark.parametrize("variant", VARIANTS)
-def test_it_learns_which_member_is_best(variant: Variant) -> None:
-    first, *_, last = train(ADDRESSING.model_copy(update={"epochs": 20}), variant=variant)
+def test_it_learns_which_member_is_best(variant: Variant, form: AddressingTraining) -> None:
+    first, *_, last = train(form.model_copy(update={"epochs": 20}), variant=variant)
     assert last.metrics["agreement"] > 0.9
     assert last.metrics["regret/mean"] < 0.3 * first.metrics["regret/mean"]
     assert last.metrics["loss/train"] < first.metrics["loss/train"]
 
 
+def test_heads_share_a_trunk_and_are_as_many_as_the_members() -> None:
+    network = untrained_addressing(5, 3, HEADED, seed=0)
+    assert (network.members, network.widths, network.shared) == (3, (5, 16, 8, 1), 1)
+    bare = untrained_addressing(5, 3, HEADED.model_copy(update={"hidden": ()}), seed=0)
+    assert (bare.members, bare.widths, bare.shared) == (3, (5, 8, 1), 0)
+    plain = untrained_addressing(5, 3, ADDRESSING, seed=0)
+    assert (plain.members, plain.widths, plain.shared) == (1, (5, 16, 3), 0)
+
+
+def test_heads_without_a_trunk_learn_too() -> None:
+    first, *_, last = train(HEADED.model_copy(update={"hidden": ()}))
+    assert last.metrics["loss/train"] < first.metrics["loss/train"]
+
+
+@FORMS
 @pytest.mark.parametrize("variant", VARIANTS)
-def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(variant: Variant) -> None:
-    (*_, first), (*_, again), (*_, other) = (train(seed=seed, variant=variant) for seed in (3, 3, 4))
+def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(variant: Variant, form: AddressingTraining) -> None:
+    (*_, first), (*_, again), (*_, other) = (train(form, seed=seed, variant=variant) for seed in (3, 3, 4))
     assert weights(first) == weights(again)
     assert first.metrics == again.metrics
     assert weights(first) != weights(other)
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
-@pytest.mark.parametrize("finished", [1, 3, 5], ids=lambda epochs: f"after {epochs}")
-def test_a_training_that_is_cut_off_goes_on_bit_for_bit(tmp_path: Path, variant: Variant, finished: int) -> None:
-    straight = list(train(variant=variant))
+@pytest.mark.parametrize(("form", "finished"), [(ADDRESSING, 1), (ADDRESSING, 3), (ADDRESSING, 5), (HEADED, 3)])
+def test_a_training_that_is_cut_off_goes_on_bit_for_bit(
+    tmp_path: Path, variant: Variant, form: AddressingTraining, finished: int
+) -> None:
+    straight = list(train(form, variant=variant))
     checkpoint = Checkpoint(tmp_path / "state.safetensors")
-    for _ in islice(train(variant=variant, checkpoint=checkpoint), finished):
+    for _ in islice(train(form, variant=variant, checkpoint=checkpoint), finished):
         pass
-    resumed = list(train(variant=variant, checkpoint=checkpoint))
+    resumed = list(train(form, variant=variant, checkpoint=checkpoint))
     assert weights(resumed[-1]) == weights(straight[-1])
     shown = [[(e.index, e.last, e.updates, e.metrics) for e in epochs] for epochs in (resumed, straight)]
     assert shown[0] == shown[1]
@@ -117,15 +137,19 @@ def test_both_variants_make_the_same_number_of_updates() -> None:
     assert weights(plain) != weights(sensitive)
 
 
+@FORMS
 @settings(max_examples=30)
-@given(st.integers(1, 40), st.integers(1, 4), st.integers(0, 1000))
-def test_metrics_and_confusion_equal_a_loop_over_the_samples(rows: int, members: int, seed: int) -> None:
+@given(rows=st.integers(1, 40), members=st.integers(1, 4), seed=st.integers(0, 1000))
+def test_metrics_and_confusion_equal_a_loop_over_the_samples(
+    rows: int, members: int, seed: int, form: AddressingTraining
+) -> None:
     generator = torch.Generator().manual_seed(seed)
-    network = StackedMLP(1, (5, 4, members), "relu", generator).requires_grad_(False)
+    network = untrained_addressing(5, members, form, seed=seed).requires_grad_(False)
     x = torch.randn(rows, 5, generator=generator)
     samples = Samples(x, torch.zeros(rows, 2), torch.zeros(rows).long(), torch.arange(rows))
     losses = torch.rand(rows, members, generator=generator)
-    chosen = [max(range(members), key=scores.__getitem__) for scores in network(x)[0].tolist()]
+    outputs = network(x).squeeze(-1).T if form.heads else network(x)[0]
+    chosen = [max(range(members), key=scores.__getitem__) for scores in outputs.view(rows, members).tolist()]
     best = [row.index(min(row)) for row in losses.tolist()]
     selected = [row[member] for row, member in zip(losses.tolist(), chosen, strict=True)]
     regret = [loss - min(row) for loss, row in zip(selected, losses.tolist(), strict=True)]

@@ -1,21 +1,46 @@
+import json
+from typing import Any
+
 import pytest
-from learning import ADDRESSING, ENSEMBLE, car_samples
+import torch
+from example_params import EXAMPLE
+from learning import ADDRESSING, CHANGE, ENSEMBLE, car_samples
 
 from addressed_dynamics.models.stacked import StackedMLP
-from addressed_dynamics.params import BaselinesParams
-from addressed_dynamics.training.baselines import ABLATIONS, baseline_params, hidden_of_total_parameters
-from addressed_dynamics.training.ensemble import train_ensemble
+from addressed_dynamics.params import ExperimentParams
+from addressed_dynamics.training.baselines import ONCE, PAIR, Baseline, hidden_of_total_parameters, plan_baselines
+from addressed_dynamics.training.ensemble import train_ensemble, untrained_ensemble
 from addressed_dynamics.training.epochs import updates_per_epoch
 
 FEATURES, TRAIN, VALIDATION = car_samples()
-BASELINES = BaselinesParams(
-    train=("total_parameters", "wide", "unequal_bins", "random_bins"),
-    wide_hidden=(24, 24, 24),
-    wide_batch_size=10,
-    seeds=(0,),
-    addressing=ADDRESSING,
-    processes=1,
-)
+SINGLE_NETWORKS = {
+    "wide": {"hidden": [24, 24, 24], "activation": "relu", "batch_size": 10},
+    "narrow": {"hidden": [8], "activation": "tanh", "batch_size": 16},
+}
+TRAINED = ("total_parameters", "unequal_bins", "random_bins", "other_recipe")
+
+
+def experiment(**changes: Any) -> ExperimentParams:
+    section = EXAMPLE | {
+        "features": CHANGE.model_dump(mode="json"),
+        "ensemble": ENSEMBLE.model_dump(mode="json"),
+        "baselines": {
+            "train": TRAINED,
+            "single_networks": SINGLE_NETWORKS,
+            "pair_epochs": 3,
+            "seeds": [0],
+            "addressing": ADDRESSING.model_dump(mode="json"),
+            "processes": 1,
+        },
+    }
+    return ExperimentParams.model_validate_json(json.dumps(section | changes))
+
+
+PAPER = experiment(recipe="paper", features={"target": "absolute"})
+
+
+def planned(chosen: ExperimentParams | None = None, other: ExperimentParams = PAPER) -> dict[str, Baseline]:
+    return plan_baselines(chosen or experiment(), other, TRAIN.x.shape[1], TRAIN.y.shape[1], len(TRAIN))
 
 
 @pytest.mark.parametrize("members", [2, 4, 8])
@@ -37,23 +62,52 @@ def test_one_member_gets_its_own_widths() -> None:
     assert hidden_of_total_parameters(5, 2, (128, 64), 1) == (128, 64)
 
 
-@pytest.mark.parametrize("name", BASELINES.train)
+@pytest.mark.parametrize("name", ["wide", "narrow", "total_parameters", "unequal_bins", "random_bins"])
 def test_a_baseline_makes_as_many_updates_as_the_ensemble(name: str) -> None:
     *_, ensemble = train_ensemble(TRAIN, VALIDATION, ENSEMBLE, seed=0, loss_unit=1.0)
-    recipe = baseline_params(name, ENSEMBLE, BASELINES, TRAIN)
-    binning = ABLATIONS.get(name, "equal")
-    *_, last = train_ensemble(TRAIN, VALIDATION, recipe, seed=0, loss_unit=1.0, binning=binning)
+    baseline = planned()[name]
+    recipe = baseline.ensemble
+    *_, last = train_ensemble(TRAIN, VALIDATION, recipe, seed=0, loss_unit=1.0, binning=baseline.binning)
     per_epoch = updates_per_epoch(len(TRAIN), recipe.members, recipe.batch_size)
     assert ensemble.updates <= last.updates < ensemble.updates + per_epoch
 
 
 def test_an_ablation_differs_by_its_bins_alone_and_a_single_network_by_its_shape() -> None:
-    recipes = {name: baseline_params(name, ENSEMBLE, BASELINES, TRAIN) for name in BASELINES.train}
-    assert recipes["unequal_bins"] == recipes["random_bins"] == ENSEMBLE
-    assert ABLATIONS["unequal_bins"] != ABLATIONS["random_bins"]
-    wide, alike = recipes["wide"], recipes["total_parameters"]
-    assert (wide.members, wide.hidden, wide.batch_size) == (1, (24, 24, 24), 10)
-    assert (alike.members, alike.batch_size) == (1, ENSEMBLE.batch_size)
-    for name in ("wide", "total_parameters"):
-        same = {"optimiser", "loss", "activation"}
-        assert recipes[name].model_dump(include=same) == ENSEMBLE.model_dump(include=same)
+    plan = planned()
+    assert list(plan) == [*SINGLE_NETWORKS, "total_parameters", "unequal_bins", "random_bins", "paper_recipe", PAIR]
+    for name, binning in {"unequal_bins": "lowest_loss", "random_bins": "random"}.items():
+        assert plan[name] == Baseline(CHANGE, ENSEMBLE, binning, ADDRESSING)
+    recipes = {name: plan[name].ensemble for name in ("wide", "narrow", "total_parameters")}
+    shapes = {name: (each.members, each.hidden, each.activation, each.batch_size) for name, each in recipes.items()}
+    assert shapes["wide"] == (1, (24, 24, 24), "relu", 10)
+    assert shapes["narrow"] == (1, (8,), "tanh", 16)
+    assert (shapes["total_parameters"][0], shapes["total_parameters"][2:]) == (1, (ENSEMBLE.activation, 8))
+    for name, recipe in recipes.items():
+        same = {"optimiser", "loss"}
+        assert recipe.model_dump(include=same) == ENSEMBLE.model_dump(include=same)
+        assert plan[name].addressing is None
+
+
+def test_the_recipe_that_was_not_chosen_is_trained_once_as_it_is_with_its_own_features_and_addressing() -> None:
+    default = experiment()
+    expected = Baseline(PAPER.features, PAPER.ensemble, "equal", ADDRESSING)
+    assert planned(default, PAPER)["paper_recipe"] == expected
+    assert planned(PAPER, default)["default_recipe"] == Baseline(CHANGE, ENSEMBLE, "equal", ADDRESSING)
+    assert set(ONCE) == {"paper_recipe", "default_recipe", PAIR}
+
+
+def test_the_pair_is_an_ensemble_of_two_that_trains_for_epochs_of_its_own_and_starts_from_known_networks() -> None:
+    three = ENSEMBLE.model_copy(update={"members": 3})
+    pair = planned(experiment(ensemble=three.model_dump(mode="json")))[PAIR].ensemble
+    assert (pair.members, pair.epochs) == (2, 3)
+    assert pair.model_copy(update={"members": 3, "epochs": three.epochs}) == three
+    still = pair.model_copy(update={"optimiser": pair.optimiser.model_copy(update={"learning_rate": 1e-30})})
+    *_, last = train_ensemble(TRAIN, VALIDATION, still, seed=4, loss_unit=1.0)
+    start = untrained_ensemble(TRAIN.x.shape[1], TRAIN.y.shape[1], pair, seed=4)
+    assert (last.index, last.network.members) == (3, 2)
+    assert all(torch.equal(a, b) for a, b in zip(last.network.parameters(), start.parameters(), strict=True))
+
+
+def test_without_epochs_there_is_no_pair() -> None:
+    baselines = experiment().baselines.model_dump(mode="json") | {"pair_epochs": 0}
+    assert PAIR not in planned(experiment(baselines=baselines))

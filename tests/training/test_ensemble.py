@@ -183,3 +183,33 @@ def test_a_loss_that_is_not_finite_ends_training_with_advice() -> None:
     optimiser = ENSEMBLE.optimiser.model_copy(update={"learning_rate": 1e30})
     with pytest.raises(TrainingError, match=r"lower ensemble\.optimiser\.learning_rate"):
         list(train(ENSEMBLE.model_copy(update={"optimiser": optimiser}), binning="random"))
+
+
+RESTARTED = ENSEMBLE.model_copy(update={"restart": True})
+
+
+def test_a_restart_finds_the_bins_first_and_then_trains_untrained_networks_on_them(tmp_path: Path) -> None:
+    checkpoint = Checkpoint(tmp_path / "state.safetensors")
+    epochs = [(each.metrics, checkpoint.load()[1]["bins"]) for each in train(RESTARTED, checkpoint=checkpoint)]
+    search = ENSEMBLE.model_copy(update={"epochs": ENSEMBLE.cluster_epochs})
+    assert [metrics for metrics, _ in epochs[: search.epochs]] == [epoch.metrics for epoch in train(search)]
+    found = epochs[search.epochs - 1][1]
+    assert all(torch.equal(bins, found) for _, bins in epochs[search.epochs :])
+    rates = [metrics["learning_rate"] for metrics, _ in epochs]
+    assert rates[0] == rates[search.epochs] == ENSEMBLE.optimiser.learning_rate
+    assert max(rates[1 : search.epochs] + rates[search.epochs + 1 :]) < rates[0]
+    losses = [metrics["loss/train"] for metrics, _ in epochs]
+    assert losses[search.epochs] > losses[search.epochs - 1]
+
+
+@pytest.mark.parametrize("finished", range(1, RESTARTED.epochs))
+def test_a_restarted_training_that_is_cut_off_goes_on_bit_for_bit(tmp_path: Path, finished: int) -> None:
+    checkpoint = Checkpoint(tmp_path / "state.safetensors")
+    expected = [(epoch.metrics, epoch.updates) for epoch in train(RESTARTED)]
+    *_, last = train(RESTARTED)
+    for _ in islice(train(RESTARTED, checkpoint=checkpoint), finished):
+        pass
+    resumed = [(epoch.metrics, epoch.updates, epoch.network) for epoch in train(RESTARTED, checkpoint=checkpoint)]
+    assert [each[:2] for each in resumed] == expected
+    for found, wanted in zip(resumed[-1][2].parameters(), last.network.parameters(), strict=True):
+        assert torch.equal(found, wanted)

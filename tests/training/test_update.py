@@ -5,15 +5,15 @@ import torch
 
 from addressed_dynamics.models.stacked import StackedMLP
 from addressed_dynamics.params import OptimiserParams
-from addressed_dynamics.training.losses import absolute_error, cross_entropy, squared_error
+from addressed_dynamics.training.losses import absolute_error, cross_entropy, cross_entropy_of_heads, squared_error
 from addressed_dynamics.training.update import StackTrainer
 
 OPTIMISER = OptimiserParams(learning_rate=1e-2, betas=(0.9, 0.99), final_share=0.1)
 
 
-def make_stack(members: int, activation: str, outputs: int = 2, seed: int = 0) -> StackedMLP:
+def make_stack(members: int, activation: str, outputs: int = 2, seed: int = 0, shared: int = 0) -> StackedMLP:
     generator = torch.Generator().manual_seed(seed)
-    return StackedMLP(members, (5, 16, 8, outputs), activation, generator)  # type: ignore[arg-type]
+    return StackedMLP(members, (5, 16, 8, outputs), activation, generator, shared=shared)  # type: ignore[arg-type]
 
 
 def batch(members: int, samples: int = 12, seed: int = 1) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
@@ -22,17 +22,25 @@ def batch(members: int, samples: int = 12, seed: int = 1) -> tuple[torch.Tensor,
     return x, torch.randn(members, samples, 2, generator=generator), torch.full((members, samples), 1 / samples)
 
 
+def assert_gradients_are_of(trainer: StackTrainer, reference: StackedMLP) -> None:
+    computed = torch.cat([gradient.flatten() for gradient in trainer._weight_gradients + trainer._bias_gradients])
+    wanted = torch.cat([parameter.grad.flatten() for parameter in reference.parameters()])
+    torch.testing.assert_close(computed, wanted, rtol=1e-4, atol=1e-6)
+
+
 @pytest.mark.parametrize("activation", ["relu", "tanh", "elu"])
 @pytest.mark.parametrize("loss", ["mse", "mae", "cross_entropy"])
-def test_gradients_equal_those_of_autograd(activation: str, loss: str) -> None:
-    stack, reference = make_stack(3, activation), make_stack(3, activation)
+@pytest.mark.parametrize("shared", [0, 1, 2])
+def test_gradients_equal_those_of_autograd(activation: str, loss: str, shared: int) -> None:
+    stack, reference = (make_stack(3, activation, shared=shared) for _ in range(2))
     x, y, weight = batch(3)
+    x = x[:1] if shared else x
     weight = weight * torch.rand(weight.shape)
     target = y.argmax(dim=-1) if loss == "cross_entropy" else y
     function = {"mse": squared_error, "mae": absolute_error, "cross_entropy": cross_entropy}[loss]
     trainer = StackTrainer(stack, function, OPTIMISER, 10)
     losses = trainer.gradients(x, target, weight)
-    output = reference(x)
+    output = reference(x[0] if shared else x)
     if loss == "cross_entropy":
         per_sample = torch.nn.functional.cross_entropy(output.transpose(1, 2), target, reduction="none")
     else:
@@ -40,9 +48,23 @@ def test_gradients_equal_those_of_autograd(activation: str, loss: str) -> None:
     expected = (per_sample * weight).sum(dim=1)
     expected.sum().backward()
     torch.testing.assert_close(losses, expected.detach())
-    computed = torch.cat([gradient.flatten() for gradient in trainer._weight_gradients + trainer._bias_gradients])
-    wanted = torch.cat([parameter.grad.flatten() for parameter in reference.parameters()])
-    torch.testing.assert_close(computed, wanted, rtol=1e-4, atol=1e-6)
+    assert_gradients_are_of(trainer, reference)
+
+
+@pytest.mark.parametrize("activation", ["relu", "tanh", "elu"])
+@pytest.mark.parametrize("shared", [0, 1, 2])
+def test_gradients_of_heads_that_share_a_softmax_equal_those_of_autograd(activation: str, shared: int) -> None:
+    stack, reference = (make_stack(4, activation, outputs=1, shared=shared) for _ in range(2))
+    x, _, weight = batch(1)
+    weight = weight * torch.rand(weight.shape)
+    target = torch.randint(0, 4, (1, 12))
+    trainer = StackTrainer(stack, cross_entropy_of_heads, OPTIMISER, 10)
+    losses = trainer.gradients(x, target, weight)
+    scores = reference(x[0]).squeeze(-1).T
+    expected = (torch.nn.functional.cross_entropy(scores, target[0], reduction="none") * weight[0]).sum()
+    expected.backward()
+    torch.testing.assert_close(losses, expected.detach().unsqueeze(0))
+    assert_gradients_are_of(trainer, reference)
 
 
 def test_training_all_members_at_once_gives_what_training_them_one_after_the_other_gives() -> None:

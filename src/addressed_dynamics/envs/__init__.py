@@ -9,7 +9,13 @@ Each environment says what its numbers mean in `metadata["addressed_dynamics"]`:
 
 import gymnasium
 
-from addressed_dynamics.envs.acrobot import Acrobot, acrobot_energy
+from addressed_dynamics.envs.acrobot import (
+    Acrobot,
+    acrobot_energy,
+    acrobot_observation,
+    acrobot_state,
+    acrobot_step,
+)
 from addressed_dynamics.envs.mountain_car import MountainCarContinuing, mountain_car_step
 
 __all__ = [
@@ -18,6 +24,9 @@ __all__ = [
     "Acrobot",
     "MountainCarContinuing",
     "acrobot_energy",
+    "acrobot_observation",
+    "acrobot_state",
+    "acrobot_step",
     "mountain_car_step",
 ]
 

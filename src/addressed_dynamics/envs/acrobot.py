@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from gymnasium.envs.classic_control.acrobot import AcrobotEnv
-from jaxtyping import Float32, Float64
+from jaxtyping import Float, Float32, Float64, Int64
 
 from addressed_dynamics.errors import SpaceError
 
@@ -87,6 +87,46 @@ class Acrobot(AcrobotEnv):
         return observation, reward, terminated and self._ends_at_goal, truncated, info
 
 
+def acrobot_state(observation: Float[np.ndarray, "*batch 6"]) -> Float64[np.ndarray, "*batch 4"]:
+    """Return the state that an observation shows: both angles in rad in [-pi, pi], and both velocities in rad/s.
+
+    A cosine and a sine that belong to no angle, as a model may predict them, count as those of their direction.
+    """
+    cosine_1, sine_1, cosine_2, sine_2, velocity_1, velocity_2 = np.moveaxis(observation.astype(np.float64), -1, 0)
+    angles = np.arctan2(sine_1, cosine_1), np.arctan2(sine_2, cosine_2)
+    return np.stack([*angles, velocity_1, velocity_2], axis=-1)
+
+
+def acrobot_observation(state: Float64[np.ndarray, "*batch 4"]) -> Float64[np.ndarray, "*batch 6"]:
+    """Return the observation of a state; the environment shows it in single precision."""
+    angle_1, angle_2, velocity_1, velocity_2 = np.moveaxis(state, -1, 0)
+    shown = np.cos(angle_1), np.sin(angle_1), np.cos(angle_2), np.sin(angle_2), velocity_1, velocity_2
+    return np.stack(shown, axis=-1)
+
+
+def acrobot_step(
+    state: Float64[np.ndarray, "*batch 4"], action: Int64[np.ndarray, "*batch"], time_step: float
+) -> Float64[np.ndarray, "*batch 4"]:
+    """Return the states after one step without torque noise, as `Acrobot` computes them, for many states at once.
+
+    Args:
+        state: both angles in rad (the second relative to the first) and both velocities in rad/s.
+        action: 0, 1 and 2 for a torque of -1, 0 and 1 N m.
+        time_step: length of the step in seconds, which is one step of Runge and Kutta's method of fourth order.
+    """
+    torque = np.array(AcrobotEnv.AVAIL_TORQUE)[action]
+    k1 = _derivative(state, torque)
+    k2 = _derivative(state + time_step / 2.0 * k1, torque)
+    k3 = _derivative(state + time_step / 2.0 * k2, torque)
+    k4 = _derivative(state + time_step * k3, torque)
+    after: Float64[np.ndarray, "*batch 4"] = state + time_step / 6.0 * (k1 + 2 * k2 + 2 * k3 + k4)
+    angle, velocity = after[..., :2], after[..., 2:]
+    angle -= 2.0 * np.pi * np.rint(angle / (2.0 * np.pi))
+    fastest = np.array([AcrobotEnv.MAX_VEL_1, AcrobotEnv.MAX_VEL_2])
+    np.clip(velocity, -fastest, fastest, out=velocity)
+    return after
+
+
 def acrobot_energy(state: Float64[np.ndarray, "*batch 4"]) -> Float64[np.ndarray, "*batch"]:
     """Return the energy of the double pendulum, in J: constant where no torque acts and no velocity is bounded.
 
@@ -103,6 +143,30 @@ def acrobot_energy(state: Float64[np.ndarray, "*batch 4"]) -> Float64[np.ndarray
     height = (mass_1 * middle_1 + mass_2 * length) * np.cos(angle_1) + mass_2 * middle_2 * np.cos(angle_1 + angle_2)
     energy: Float64[np.ndarray, "*batch"] = kinetic - GRAVITY * height
     return energy
+
+
+def _derivative(
+    state: Float64[np.ndarray, "*batch 4"], torque: Float64[np.ndarray, "*batch"]
+) -> Float64[np.ndarray, "*batch 4"]:
+    """Return the velocities and accelerations: the equations of motion of the book that Gymnasium's Acrobot cites."""
+    angle_1, angle_2, velocity_1, velocity_2 = np.moveaxis(state, -1, 0)
+    mass_1, mass_2, length = AcrobotEnv.LINK_MASS_1, AcrobotEnv.LINK_MASS_2, AcrobotEnv.LINK_LENGTH_1
+    middle_1, middle_2, inertia = AcrobotEnv.LINK_COM_POS_1, AcrobotEnv.LINK_COM_POS_2, AcrobotEnv.LINK_MOI
+    cosine_2, sine_2 = np.cos(angle_2), np.sin(angle_2)
+    reach = length**2 + middle_2**2 + 2 * length * middle_2 * cosine_2
+    d1 = mass_1 * middle_1**2 + mass_2 * reach + inertia + inertia
+    d2 = mass_2 * (middle_2**2 + length * middle_2 * cosine_2) + inertia
+    phi2 = mass_2 * middle_2 * GRAVITY * np.cos(angle_1 + angle_2 - np.pi / 2.0)
+    phi1 = (
+        -mass_2 * length * middle_2 * velocity_2**2 * sine_2
+        - 2 * mass_2 * length * middle_2 * velocity_2 * velocity_1 * sine_2
+        + (mass_1 * middle_1 + mass_2 * length) * GRAVITY * np.cos(angle_1 - np.pi / 2.0)
+        + phi2
+    )
+    pull = torque + d2 / d1 * phi1 - mass_2 * length * middle_2 * velocity_1**2 * sine_2 - phi2
+    acceleration_2 = pull / (mass_2 * middle_2**2 + inertia - d2**2 / d1)
+    acceleration_1 = -(d2 * acceleration_2 + phi1) / d1
+    return np.stack([velocity_1, velocity_2, acceleration_1, acceleration_2], axis=-1)
 
 
 def _checked_range(name: str, value: Sequence[float], largest: float) -> tuple[float, float]:

@@ -8,9 +8,13 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
+from addressed_dynamics.errors import ModelError
 from addressed_dynamics.evaluation.one_step import Predictor
 from addressed_dynamics.models.addressed import MODES, AddressedDynamics, Mode
-from addressed_dynamics.models.files import load_network, read_index
+from addressed_dynamics.models.files import SavedNetwork, load_network, read_index
+from addressed_dynamics.models.stacked import StackedMLP
+from addressed_dynamics.params import AddressingTraining, EnsembleParams
+from addressed_dynamics.training.baselines import OTHER_RECIPE
 
 MEAN = "ensemble/mean"
 """Name of the candidate that averages the members."""
@@ -48,13 +52,12 @@ def ensemble_candidates(models: dict[int, dict[str, AddressedDynamics]], deliver
         if variant != delivered[first]:
             label = f"ensemble, argmax, {variant.replace('_', '-')} addressing"
             candidates.append(_addressed(f"ensemble/argmax/{variant}", label, model, "argmax"))
-    members = best.ensemble.members * best.ensemble.parameters_per_member
     candidates.append(
         Candidate(
             MEAN,
             "ensemble, mean of the members",
-            members,
-            lambda observation, action: best.member_predictions(observation, action).mean(dim=0),
+            best.ensemble.parameters_total,
+            lambda observation, action: best.decode(best.member_outputs(observation, action).mean(dim=0), observation),
             None,
             "argmax",
         )
@@ -67,11 +70,18 @@ def ensemble_candidates(models: dict[int, dict[str, AddressedDynamics]], deliver
 
 BASELINE_LABELS = {
     "total_parameters": "one network, as many parameters",
-    "wide": "one network, wide (the paper's)",
     "unequal_bins": "ensemble without equal bins",
     "random_bins": "ensemble with random bins",
+    "paper_recipe": "ensemble, the paper's recipe",
+    "default_recipe": "ensemble, the default recipe",
 }
-"""What a reader should see for each baseline."""
+"""What a reader should see for each baseline; other single networks say what they are."""
+
+
+def baseline_label(name: str, stack: StackedMLP) -> str:
+    """Return what a reader should see for a baseline, for instance `one network, relu 512 × 512 × 512`."""
+    hidden = " × ".join(map(str, stack.widths[1:-1]))
+    return BASELINE_LABELS.get(name, f"one network, {stack.activation} {hidden}" if hidden else "one linear map")
 
 
 def baseline_candidates(folder: Path) -> list[Candidate]:
@@ -83,12 +93,54 @@ def baseline_candidates(folder: Path) -> list[Candidate]:
     candidates = []
     for key in read_index(folder, "baselines.json")["trained"]:
         name, seed = key.split("/seed-")
-        network = load_network(folder / key / "network")
-        alone = network.stack.members == 1
-        addressing = None if alone else load_network(folder / key / "addressing").stack
-        model = AddressedDynamics(network.features, network.stack, addressing)
-        candidates.append(_addressed(key, f"{BASELINE_LABELS[name]}, seed {seed}", model, "argmax"))
+        network, model = _load_baseline(folder / key)
+        candidates.append(_addressed(key, f"{baseline_label(name, network.stack)}, seed {seed}", model, "argmax"))
     return candidates
+
+
+@dataclass(frozen=True)
+class OtherRecipe:
+    """The ensemble with the recipe that was not chosen."""
+
+    name: str
+    """Name of the baseline: `paper_recipe` or `default_recipe`."""
+    model: AddressedDynamics
+    """The ensemble with its addressing network."""
+    ensemble: EnsembleParams
+    """How the ensemble was trained."""
+    addressing: AddressingTraining
+    """How the addressing network was trained."""
+
+
+def load_other_recipe(folder: Path) -> OtherRecipe | None:
+    """Load the ensemble with the recipe that was not chosen; None if it was not trained.
+
+    Raises:
+        ModelError: a file is missing or damaged.
+    """
+    for key in read_index(folder, "baselines.json")["trained"]:
+        name = key.partition("/seed-")[0]
+        if name in OTHER_RECIPE.values():
+            network, model = _load_baseline(folder / key)
+            try:
+                ensemble = EnsembleParams.model_validate(network.notes["params"]["ensemble"], strict=False)
+                addressing = AddressingTraining.model_validate(network.notes["params"]["addressing"], strict=False)
+            except (KeyError, TypeError, ValueError) as error:
+                config = folder / key / "network" / "config.json"
+                message = f"{config}: its notes should have the recipe under 'params'; run train_baselines again"
+                raise ModelError(message) from error
+            return OtherRecipe(name, model, ensemble, addressing)
+    return None
+
+
+def load_pair(folder: Path) -> tuple[StackedMLP, int] | None:
+    """Load the ensemble of two that a figure shows, with the seed it was trained from; None if there is none.
+
+    Raises:
+        ModelError: a file is missing or damaged.
+    """
+    keys = read_index(folder, "baselines.json")["pair"]
+    return (load_network(folder / keys[0] / "network").stack, int(keys[0].split("/seed-")[1])) if keys else None
 
 
 def load_ensembles(folder: Path) -> tuple[dict[int, dict[str, AddressedDynamics]], dict[int, str]]:
@@ -106,9 +158,15 @@ def load_ensembles(folder: Path) -> tuple[dict[int, dict[str, AddressedDynamics]
     return models, delivered
 
 
+def _load_baseline(folder: Path) -> tuple[SavedNetwork, AddressedDynamics]:
+    network = load_network(folder / "network")
+    addressing = None if network.stack.members == 1 else load_network(folder / "addressing").stack
+    return network, AddressedDynamics(network.features, network.stack, addressing)
+
+
 def _addressed(name: str, label: str, model: AddressedDynamics, mode: Mode) -> Candidate:
-    addressing = 0 if model.addressing is None else model.addressing.parameters_per_member
-    parameters = model.ensemble.members * model.ensemble.parameters_per_member + addressing
+    addressing = 0 if model.addressing is None else model.addressing.parameters_total
+    parameters = model.ensemble.parameters_total + addressing
 
     def predict(observation: Tensor, action: Tensor) -> Tensor:
         return model.predict(observation, action, mode, generator=torch.Generator().manual_seed(0))

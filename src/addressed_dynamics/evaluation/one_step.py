@@ -1,6 +1,6 @@
 """One-step errors in the environment's units and of states scaled to [0, 1]."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import torch
@@ -8,25 +8,25 @@ from jaxtyping import Float
 from torch import Tensor
 
 from addressed_dynamics.errors import EvaluationError
+from addressed_dynamics.evaluation.points import Points
+from addressed_dynamics.features.angles import wrapped_difference
 from addressed_dynamics.models.stacked import in_chunks
-from addressed_dynamics.transitions import Dimension, Transitions
 
 Predictor = Callable[[Tensor, Tensor], Tensor]
-"""(states (B, d_obs), actions) -> next states (B, d_obs), in the environment's units."""
+"""(states, actions) as `AddressedDynamics.predict` takes them -> next states (B, d_obs), in the environment's units."""
 
 
-def predict_all(predictor: Predictor, test: Transitions) -> Float[Tensor, "sample observation"]:
-    """Return the predicted next state of every test transition, in the environment's units.
+def predict_all(predictor: Predictor, points: Points) -> Float[Tensor, "point observation"]:
+    """Return the predicted next state of every point, in the environment's units.
 
     Raises:
-        EvaluationError: there are no test transitions, or a prediction is not finite.
+        EvaluationError: there are no points, or a prediction is not finite.
     """
-    if not len(test):
-        message = "there are no test episodes: raise convert.test_share or record more episodes"
+    if not len(points):
+        frames = "" if points.features.history == 1 else f" of at least {points.features.history} steps"
+        message = f"there are no test episodes{frames}: raise convert.test_share or record more episodes"
         raise EvaluationError(message)
-    observation, action = torch.from_numpy(test.observation), torch.from_numpy(test.action)
-    rows = torch.arange(len(test))
-    predicted = in_chunks(lambda row: predictor(observation[row], action[row]), rows, sample_dim=0)
+    predicted = in_chunks(lambda point: predictor(*points.inputs(point)), torch.arange(len(points)), sample_dim=0)
     if not torch.isfinite(predicted).all():
         message = "a model predicts states that are not finite: its training diverged"
         raise EvaluationError(message)
@@ -34,10 +34,15 @@ def predict_all(predictor: Predictor, test: Transitions) -> Float[Tensor, "sampl
 
 
 def scaled_losses(
-    predicted: Float[Tensor, "*member sample observation"], test: Transitions, scale: Sequence[float], loss: str
-) -> Float[Tensor, "*member sample"]:
-    """Return each sample's loss (`mse` or `mae`) of states divided by `scale`, the paper's unit."""
-    error = (predicted - torch.from_numpy(test.next_observation)).double() / torch.tensor(scale, dtype=torch.float64)
+    predicted: Float[Tensor, "*member point observation"], points: Points, loss: str
+) -> Float[Tensor, "*member point"]:
+    """Return each point's loss (`mse` or `mae`) of states scaled to [0, 1], the paper's unit.
+
+    It is over the dimensions that a network predicts, not over velocities that follow from angles.
+    """
+    error = (predicted - torch.from_numpy(points.next_observation)).double()
+    predicts = points.features.predicted
+    error = error[..., predicts] / torch.tensor(points.features.scale, dtype=torch.float64)[list(predicts)]
     return (error.square() if loss == "mse" else error.abs()).mean(dim=-1)
 
 
@@ -54,19 +59,19 @@ def summarise(losses: Float[Tensor, " sample"]) -> dict[str, float]:
     }
 
 
-def errors_per_dimension(
-    predicted: Float[Tensor, "sample observation"], test: Transitions, dimensions: Sequence[Dimension]
-) -> list[dict[str, Any]]:
-    """Return, for each dimension of the state, its squared and absolute one-step error in its own unit."""
-    error = (predicted - torch.from_numpy(test.next_observation)).double()
+def errors_per_dimension(predicted: Float[Tensor, "point observation"], points: Points) -> list[dict[str, Any]]:
+    """Return the squared and absolute one-step error of each dimension of the state and of each angle, in its unit."""
+    features, truth = points.features, torch.from_numpy(points.next_observation)
+    errors = {
+        (dimension.name, dimension.unit): (predicted[:, index] - truth[:, index]).double()
+        for index, dimension in enumerate(features.spaces.observation)
+    }
+    for angle in features.angles:
+        found, true = (features.angle(angle, states.double()) for states in (predicted, truth))
+        errors[angle.name, "rad"] = wrapped_difference(found, true)
     return [
-        {
-            "name": dimension.name,
-            "unit": dimension.unit,
-            "squared": summarise(error[:, index].square()),
-            "absolute": summarise(error[:, index].abs()),
-        }
-        for index, dimension in enumerate(dimensions)
+        {"name": name, "unit": unit, "squared": summarise(error.square()), "absolute": summarise(error.abs())}
+        for (name, unit), error in errors.items()
     ]
 
 

@@ -31,14 +31,15 @@ def wrapped_difference(angle: Float[Tensor, "*batch"], before: Float[Tensor, "*b
 
 
 def velocity_from_angles(
-    angle: Float[Tensor, "*batch"], before: Float[Tensor, "*batch"], *, step_seconds: float, fastest: float
+    angle: Float[Tensor, "*batch"], before: Float[Tensor, "*batch"], *, step_seconds: float
 ) -> Float[Tensor, "*batch"]:
-    """Return the velocity between two successive angles, in rad/s, bounded as the environment bounds it.
+    """Return the mean velocity between two successive angles, in rad/s.
+
+    At an acceleration a it lags half a step behind the velocity at the end of the step, by a * step_seconds / 2.
 
     Args:
         angle: angles at the end of a step, in rad.
         before: angles at its beginning, in rad.
         step_seconds: length of the step.
-        fastest: largest possible speed, in rad/s.
     """
-    return (wrapped_difference(angle, before) / step_seconds).clamp(-fastest, fastest)
+    return wrapped_difference(angle, before) / step_seconds

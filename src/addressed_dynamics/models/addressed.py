@@ -12,6 +12,7 @@ from torch import Tensor
 
 from addressed_dynamics.errors import ModelError
 from addressed_dynamics.features.spec import FeatureSpec
+from addressed_dynamics.models.addressing import addressed_members, addressing_scores
 from addressed_dynamics.models.files import load_network, read_index
 from addressed_dynamics.models.stacked import StackedMLP
 
@@ -31,7 +32,8 @@ class AddressedDynamics:
         Args:
             features: what the networks' inputs and outputs mean.
             ensemble: n networks from inputs to targets.
-            addressing: one network with n outputs; not needed if there is only one member.
+            addressing: one network with n outputs, or n heads of one output on a trunk that they share; not needed if
+                there is only one member.
 
         Raises:
             ModelError: the networks do not fit each other or the features.
@@ -45,14 +47,14 @@ class AddressedDynamics:
         if addressing is None and ensemble.members > 1:
             message = f"an ensemble of {ensemble.members} members needs an addressing network"
             raise ModelError(message)
-        if addressing is not None and (addressing.members, addressing.widths[0], addressing.widths[-1]) != (
-            1,
+        if addressing is not None and (addressing.widths[0], addressed_members(addressing)) != (
             features.inputs,
             ensemble.members,
         ):
             message = (
                 f"the addressing network should be one network with {features.inputs} inputs and {ensemble.members} "
-                f"outputs, but is {addressing.members} with {addressing.widths[0]} and {addressing.widths[-1]}"
+                f"outputs, or {ensemble.members} heads of one output, "
+                f"but is {addressing.members} with {addressing.widths[0]} and {addressing.widths[-1]}"
             )
             raise ModelError(message)
         self.features = features
@@ -102,9 +104,13 @@ class AddressedDynamics:
     ) -> Array:
         """Return the states after the actions.
 
+        A model with a history of H > 1 frames (`features.history`) is given H states in a row and the action taken in
+        each, oldest first; what it returns follows the last.
+
         Args:
-            observation: states, (B, d_obs), in the environment's units; an array or a tensor.
-            action: (B,) integers if the actions are discrete, else (B, d_act) in the environment's units.
+            observation: states, (B, d_obs) or (B, H, d_obs), in the environment's units; an array or a tensor.
+            action: (B,) or (B, H) integers if the actions are discrete, else (B, d_act) or (B, H, d_act) in the
+                environment's units.
             mode: `argmax`: the member with the highest output; `sample`: a member drawn with the outputs' softmax as
                 probabilities; `mixture`: the members' outputs weighted by them; `blend`: the output of a network whose
                 parameters are weighted by them.
@@ -124,11 +130,13 @@ class AddressedDynamics:
     def rollout(
         self, observation: Array, actions: Array, mode: Mode = "argmax", *, generator: torch.Generator | None = None
     ) -> Array:
-        """Return the states after each of T actions, every state predicted from the one predicted before it.
+        """Return the states after each of T actions, every state predicted from those predicted before it.
 
         Args:
-            observation: first states, (B, d_obs), in the environment's units; an array or a tensor.
-            actions: (B, T) integers if the actions are discrete, else (B, T, d_act) in the environment's units.
+            observation: first states, (B, d_obs), in the environment's units; an array or a tensor. With a history of
+                H > 1 frames (B, H, d_obs), oldest first.
+            actions: (B, T) integers if the actions are discrete, else (B, T, d_act) in the environment's units. With a
+                history (B, H - 1 + T) or (B, H - 1 + T, d_act): action h is taken in frame h.
             mode: as in `predict`.
             generator: as in `predict`.
 
@@ -138,27 +146,50 @@ class AddressedDynamics:
         Raises:
             ModelError: a shape or the mode is wrong, or a discrete action does not exist.
         """
-        state, steps = _as_tensor(observation), _as_tensor(actions)
-        if steps.ndim < 2 or len(steps) != len(state):
-            message = f"actions should have shape ({len(state)}, T, ...), but have {tuple(steps.shape)}"
+        state, steps = _as_tensor(observation).to(torch.float32), _as_tensor(actions)
+        self.features.check_observation(state)
+        history = self.features.history
+        if steps.ndim < 2 or len(steps) != len(state) or steps.shape[1] < history - 1:
+            length = "T" if history == 1 else f"{history - 1} + T"
+            message = f"actions should have shape ({len(state)}, {length}, ...), but have {tuple(steps.shape)}"
             raise ModelError(message)
-        states = torch.empty(len(state), steps.shape[1], self.features.outputs)
-        for t in range(steps.shape[1]):
-            state = self._predict(state, steps[:, t], mode, generator)
-            states[:, t] = state
+        states = torch.empty(len(state), steps.shape[1] - history + 1, len(self.features.spaces.observation))
+        for t in range(states.shape[1]):
+            action = steps[:, t] if history == 1 else steps[:, t : t + history]
+            states[:, t] = self._predict(state, action, mode, generator)
+            state = states[:, t] if history == 1 else torch.cat([state[:, 1:], states[:, t : t + 1]], dim=1)
         return states.numpy() if isinstance(observation, np.ndarray) else states
 
     @torch.no_grad()
-    def member_predictions(
-        self, observation: Float[Tensor, "sample observation"], action: Tensor
-    ) -> Float[Tensor, "member sample observation"]:
-        """Return what every member predicts, in the environment's units."""
-        return self.features.decode(self.ensemble(self.features.encode(observation, action)), observation)
+    def member_outputs(
+        self, observation: Float[Tensor, "sample ..."], action: Tensor
+    ) -> Float[Tensor, "member sample output"]:
+        """Return the outputs of every member, normalised as `features.encode_target` normalises targets."""
+        outputs: Tensor = self.ensemble(self.features.encode(observation, action))
+        return outputs
 
     @torch.no_grad()
-    def address(self, observation: Float[Tensor, "sample observation"], action: Tensor) -> Int64[Tensor, " sample"]:
+    def decode(
+        self, output: Float[Tensor, "*member sample output"], observation: Float[Tensor, "sample ..."]
+    ) -> Float[Tensor, "*member sample observation"]:
+        """Return the next states that outputs mean, in the environment's units, for inputs as those of `predict`."""
+        last = observation if self.features.history == 1 else observation[:, -1]
+        return self.features.decode(output, last.to(torch.float32))
+
+    def member_predictions(
+        self, observation: Float[Tensor, "sample ..."], action: Tensor
+    ) -> Float[Tensor, "member sample observation"]:
+        """Return what every member predicts, in the environment's units."""
+        return self.decode(self.member_outputs(observation, action), observation)
+
+    def address(self, observation: Float[Tensor, "sample ..."], action: Tensor) -> Int64[Tensor, " sample"]:
         """Return the member that the addressing network picks for each state and action."""
-        return self._probabilities(self.features.encode(observation, action)).argmax(dim=1)
+        return self.probabilities(observation, action).argmax(dim=1)
+
+    @torch.no_grad()
+    def probabilities(self, observation: Float[Tensor, "sample ..."], action: Tensor) -> Float[Tensor, "sample member"]:
+        """Return the softmax of the addressing network's outputs; the member with the highest is selected."""
+        return self._probabilities(self.features.encode(observation, action))
 
     def _predict(
         self, observation: Tensor, action: Tensor, mode: Mode, generator: torch.Generator | None
@@ -178,12 +209,12 @@ class AddressedDynamics:
             case _:
                 message = f"there is no addressing mode '{mode}' (modes: {', '.join(MODES)})"
                 raise ModelError(message)
-        return self.features.decode(output, observation.to(torch.float32))
+        return self.decode(output, observation)
 
     def _probabilities(self, x: Float[Tensor, "sample input"]) -> Float[Tensor, "sample member"]:
         if self.addressing is None:
             return torch.ones(len(x), 1)
-        return torch.softmax(self.addressing(x)[0], dim=1)
+        return torch.softmax(addressing_scores(self.addressing, x), dim=1)
 
 
 def _as_tensor(values: np.ndarray | Tensor) -> Tensor:

@@ -36,7 +36,12 @@ def save_network(folder: Path, network: SavedNetwork) -> None:
     config = {
         "format": FORMAT,
         "package_version": version("addressed-dynamics"),
-        "architecture": {"members": stack.members, "widths": list(stack.widths), "activation": stack.activation},
+        "architecture": {
+            "members": stack.members,
+            "widths": list(stack.widths),
+            "activation": stack.activation,
+            "shared": stack.shared,
+        },
         "features": network.features.to_json(),
         "notes": network.notes,
     }
@@ -61,7 +66,9 @@ def load_network(folder: Path) -> SavedNetwork:
         if activation not in ACTIVATIONS:
             message = f"unknown activation '{activation}'"
             raise ValueError(message)
-        stack = StackedMLP(int(architecture["members"]), widths, activation)  # type: ignore[arg-type] # checked above
+        # Models of earlier versions have no shared layers, and do not say so.
+        shared = int(architecture.get("shared", 0))
+        stack = StackedMLP(int(architecture["members"]), widths, activation, shared=shared)  # type: ignore[arg-type] # checked above
         features, notes = FeatureSpec.from_json(config["features"]), dict(config["notes"])
     except (KeyError, TypeError, ValueError, ModelError) as error:
         message = f"{folder / 'config.json'}: incomplete or malformed ({error}); train the model again"

@@ -7,6 +7,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from addressed_dynamics.models.addressed import AddressedDynamics
+from addressed_dynamics.models.addressing import addressing_scores
 from addressed_dynamics.transitions import DiscreteAction
 
 
@@ -24,23 +25,28 @@ class PortableDynamics(nn.Module):
         self.ensemble = model.ensemble
         self.addressing = model.addressing
         self.states = len(model.features.spaces.observation)
+        action = model.features.spaces.action
+        self.columns = self.states + (1 if isinstance(action, DiscreteAction) else len(action.dimensions))
 
     def forward(self, inputs: Float[Tensor, "sample input"]) -> Float[Tensor, "sample observation"]:
         """Return the next states, (B, d_obs).
 
         Args:
             inputs: states in the environment's units beside actions: one column with the action's number if actions
-                are discrete, (B, d_obs + 1), else one for each of its components, (B, d_obs + d_act).
+                are discrete, (B, d_obs + 1), else one for each of its components, (B, d_obs + d_act). With a history,
+                so many columns for each frame, oldest first.
         """
-        observation, action = inputs[:, : self.states], inputs[:, self.states :]
+        frames = inputs.reshape(-1, self.features.history, self.columns)
+        observation, action = frames[..., : self.states], frames[..., self.states :]
         kind = self.features.spaces.action
         if isinstance(kind, DiscreteAction):
             action = (action.round() == torch.arange(kind.count)).to(torch.float32)
-        x = torch.cat([observation, action], dim=1)
+        x = torch.cat([observation, action], dim=-1)
         x = (x - torch.tensor(self.features.input_mean)) / torch.tensor(self.features.input_deviation)
+        x, last = self.features.join(x if self.features.history > 1 else x[:, 0]), observation[:, -1]
         outputs = self.ensemble(x)
         if self.addressing is None:
-            return self.features.decode(outputs[0], observation)
-        selected = self.addressing(x)[0].argmax(dim=1)
+            return self.features.decode(outputs[0], last)
+        selected = addressing_scores(self.addressing, x).argmax(dim=1)
         chosen = nn.functional.one_hot(selected, self.ensemble.members).to(torch.float32).T.unsqueeze(-1)
-        return self.features.decode((outputs * chosen).sum(dim=0), observation)
+        return self.features.decode((outputs * chosen).sum(dim=0), last)

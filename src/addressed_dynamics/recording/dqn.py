@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, SupportsFloat
 
 import gymnasium
 import numpy as np
 import torch
 from gymnasium import spaces
+from gymnasium.wrappers import TransformReward
 from jaxtyping import Float
 from stable_baselines3 import DQN
 from stable_baselines3.common.callbacks import BaseCallback
@@ -20,7 +21,9 @@ from torch import Tensor
 
 from addressed_dynamics.errors import RecordingError
 from addressed_dynamics.params import DqnBehaviour
+from addressed_dynamics.recording.acting import FrameSkip, Progress, act
 from addressed_dynamics.recording.behaviours import HeldActions, Policy
+from addressed_dynamics.threads import single_thread
 
 
 def learn(
@@ -29,18 +32,20 @@ def learn(
     *,
     transitions: int,
     seed: int,
-    progress: Callable[[int], object],
+    progress: Progress,
 ) -> Policy:
     """Train a DQN for `transitions` steps in all `environments` together, and return its greedy policy.
 
-    Copy i is first reset with the seed `seed` + i.
+    Copy i is first reset with the seed `seed` + i. The learner decides every `frame_skip` steps. As an episode may end
+    inside a decision, copies come to their last step at different times: learning ends with the first of them, and the
+    others go on with what has been learned.
 
     Args:
         environments: copies of one environment.
         behaviour: the learner's settings.
-        transitions: steps over all copies; a multiple of their number.
+        transitions: simulated steps over all copies; a multiple of their number, which share them equally.
         seed: seed of everything random in the learner.
-        progress: called with the number of transitions made since its last call.
+        progress: called with the number of simulated steps made since its last call.
 
     Raises:
         RecordingError: the environment's actions are not discrete.
@@ -48,21 +53,14 @@ def learn(
     if not isinstance(environments[0].action_space, spaces.Discrete):
         message = f"a dqn needs discrete actions, but the environment has {environments[0].action_space}"
         raise RecordingError(message)
+    steps = transitions // len(environments)
+    copies = [FrameSkip(environment, behaviour.frame_skip, steps) for environment in environments]
     with _generators_given_back(), single_thread():
-        model = _model(environments, behaviour, seed)
-        model.learn(transitions, callback=_Counter(transitions, progress), log_interval=None)
+        model = _model(copies, behaviour, seed)
+        # There are at most as many decisions as transitions; the counter ends the training.
+        model.learn(transitions, callback=_Counter(copies, progress), log_interval=None)
+        act(copies, lambda observations: model.predict(observations)[0], progress)
     return _greedy(model)
-
-
-@contextmanager
-def single_thread() -> Iterator[None]:
-    """Let PyTorch compute in one thread meanwhile: a learner's networks are too small to gain from more."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(threads)
 
 
 class _ExploringDQN(DQN):  # type: ignore[misc] # stable-baselines3 is not checked
@@ -105,21 +103,29 @@ class _ScaledByBounds(BaseFeaturesExtractor):  # type: ignore[misc] # stable-bas
 
 
 class _Counter(BaseCallback):  # type: ignore[misc] # stable-baselines3 is not checked
-    """Reports progress, and stops the learner at its last transition instead of at the end of a training round."""
+    """Reports progress, and stops the learner as soon as a copy has made its last step."""
 
-    def __init__(self, transitions: int, progress: Callable[[int], object]) -> None:
+    def __init__(self, copies: Sequence[FrameSkip], progress: Progress) -> None:
         super().__init__()
-        self._transitions, self._progress = transitions, progress
+        self._copies, self._progress = copies, progress
+        self._steps_left = self._count()
 
     def _on_step(self) -> bool:
-        self._progress(self.training_env.num_envs)
-        return bool(self.num_timesteps < self._transitions)
+        before, self._steps_left = self._steps_left, self._count()
+        self._progress(before - self._steps_left)
+        return all(copy.steps_left for copy in self._copies)
+
+    def _count(self) -> int:
+        return sum(copy.steps_left for copy in self._copies)
 
 
-def _model(environments: Sequence[gymnasium.Env[Any, Any]], behaviour: DqnBehaviour, seed: int) -> _ExploringDQN:
+def _model(copies: Sequence[FrameSkip], behaviour: DqnBehaviour, seed: int) -> _ExploringDQN:
+    def scaled(reward: SupportsFloat) -> float:
+        return float(reward) * behaviour.reward_scale
+
     model = _ExploringDQN(
         "MlpPolicy",
-        DummyVecEnv([lambda environment=environment: environment for environment in environments]),
+        DummyVecEnv([lambda copy=copy: TransformReward(copy, scaled) for copy in copies]),
         learning_rate=behaviour.learning_rate,
         buffer_size=behaviour.buffer_size,
         learning_starts=behaviour.learning_starts,
@@ -129,7 +135,8 @@ def _model(environments: Sequence[gymnasium.Env[Any, Any]], behaviour: DqnBehavi
         train_freq=behaviour.train_every,
         gradient_steps=behaviour.gradient_steps,
         target_update_interval=behaviour.target_update_interval,
-        exploration_fraction=behaviour.exploration_share,
+        # The library takes it of the transitions, but counts decisions.
+        exploration_fraction=behaviour.exploration_share / behaviour.frame_skip,
         exploration_final_eps=behaviour.exploration_final,
         policy_kwargs={
             "net_arch": list(behaviour.hidden),
@@ -140,8 +147,7 @@ def _model(environments: Sequence[gymnasium.Env[Any, Any]], behaviour: DqnBehavi
         device="cpu",
     )
     generator = np.random.default_rng(seed)
-    space = environments[0].action_space
-    model.explore_with(HeldActions(space, len(environments), behaviour.exploration_hold_steps, generator))
+    model.explore_with(HeldActions(copies[0].action_space, len(copies), behaviour.exploration_hold_steps, generator))
     return model
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 from typing import Any
@@ -22,14 +22,13 @@ from addressed_dynamics.params import (
     RecordParams,
     SegmentParams,
 )
+from addressed_dynamics.recording.acting import FrameSkip, Progress, act
 from addressed_dynamics.recording.behaviours import HeldActions, Policy, constant_policy, mostly, random_policy
 from addressed_dynamics.recording.dqn import learn
 from addressed_dynamics.recording.provenance import run_info
 from addressed_dynamics.recording.recorder import TransitionRecorder
 
 Environment = gymnasium.Env[Any, Any]
-Progress = Callable[[int], object]
-"""Called with the number of transitions made since its last call."""
 
 EPISODES_PER_COPY = 10_000_000
 COPIES_PER_SEGMENT = 1_000
@@ -63,8 +62,12 @@ def record_plan(plan: RecordParams, folder: Path, *, progress: Progress) -> None
                 )
             else:
                 policy = _policy(segment, environments[0].action_space, learned)
+                frame_skip = _frame_skip(segment, plan)
                 steps = segment.transitions // segment.environments
-                _act(environments, policy, steps=steps, seed=segment.seed, progress=progress)
+                copies = [FrameSkip(environment, frame_skip, steps) for environment in environments]
+                for copy, environment in enumerate(copies):
+                    environment.reset(seed=segment.seed + copy)
+                act(copies, policy, progress)
 
 
 @contextmanager
@@ -147,10 +150,9 @@ def _policy(segment: SegmentParams, space: gymnasium.Space[Any], learned: Mappin
             raise RecordingError(message)
 
 
-def _act(environments: Sequence[Environment], policy: Policy, *, steps: int, seed: int, progress: Progress) -> None:
-    observations = np.stack([environment.reset(seed=seed + i)[0] for i, environment in enumerate(environments)])
-    for _ in range(steps):
-        for i, (environment, action) in enumerate(zip(environments, policy(observations), strict=True)):
-            observation, _, terminated, truncated, _ = environment.step(action)
-            observations[i] = environment.reset()[0] if terminated or truncated else observation
-        progress(len(environments))
+def _frame_skip(segment: SegmentParams, plan: RecordParams) -> int:
+    """Return the simulated steps in a decision: a learned policy acts as often as it did while it learned."""
+    behaviour = segment.behaviour
+    if isinstance(behaviour, GreedyBehaviour):
+        behaviour = next(each.behaviour for each in plan.segments if each.name == behaviour.segment)
+    return behaviour.frame_skip if isinstance(behaviour, DqnBehaviour) else 1

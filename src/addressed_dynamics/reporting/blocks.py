@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 
 @dataclass(frozen=True)
@@ -61,12 +62,16 @@ class Panel:
     """Name of its file, without suffix; unique in the report."""
     alternative: str
     """What a reader who cannot see it should know."""
-    png: bytes
-    """The picture."""
+    content: bytes
+    """The picture, as a file of `format`."""
     width: int
     """Width at which it is to be shown, in CSS pixels."""
     height: int
     """Height at which it is to be shown, in CSS pixels."""
+    format: Literal["png", "gif"] = "png"
+    """Its format, which is also the suffix of its file."""
+    still: bytes | None = None
+    """A PNG in place of a picture that moves, for readers who want no motion; None if it does not move."""
 
 
 @dataclass(frozen=True)

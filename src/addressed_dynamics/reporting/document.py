@@ -2,48 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
-
-import numpy as np
-
-from addressed_dynamics.params import AddressingParams, EnsembleParams
-from addressed_dynamics.reporting import tables
-from addressed_dynamics.reporting.blocks import Block, Facts, Links, Report, Section, Text
-from addressed_dynamics.reporting.figures import comparison, curves, episodes, members
+from addressed_dynamics.reporting import rollout_tables, tables
+from addressed_dynamics.reporting.animation.rollouts import animations
+from addressed_dynamics.reporting.blocks import Block, Links, Report, Section, Text
+from addressed_dynamics.reporting.claims import claims_table, specialists_table
+from addressed_dynamics.reporting.figures import (
+    comparison,
+    curves,
+    episodes,
+    histograms,
+    members,
+    physics,
+    specialisation,
+)
+from addressed_dynamics.reporting.figures.angles import angle_forms
 from addressed_dynamics.reporting.numbers import listed, percent, scientific
+from addressed_dynamics.reporting.origin import Origin, run_facts
 from addressed_dynamics.reporting.paper import CITATION, PaperFigures
 from addressed_dynamics.reporting.quality import quality_blocks
+from addressed_dynamics.reporting.recipes import recipes_table
 from addressed_dynamics.reporting.results import Results
 from addressed_dynamics.reporting.targets import judge_targets
 from addressed_dynamics.reporting.verdict import findings, verdict
 from addressed_dynamics.training.epochs import updates_per_epoch
-from addressed_dynamics.transitions import SpaceSpec
-
-
-@dataclass(frozen=True)
-class Origin:
-    """Where the results come from."""
-
-    title: str
-    """Title of the experiment."""
-    params_file: str
-    """Params file of the run."""
-    commit: str
-    """Git commit of the code; empty if it is not known."""
-    versions: Mapping[str, str]
-    """Versions of the libraries that the results depend on."""
-    target: str
-    """What the networks predict: `change` or `absolute`."""
-    ensemble: EnsembleParams
-    """Recipe of phase 1."""
-    addressing: AddressingParams
-    """Recipe of phase 2."""
-    spaces: SpaceSpec
-    """What states and actions mean."""
-    runs: Mapping[str, str]
-    """Addresses of the MLflow runs by their names."""
 
 
 def build_report(results: Results, origin: Origin, paper: PaperFigures | None) -> Report:
@@ -55,17 +36,19 @@ def build_report(results: Results, origin: Origin, paper: PaperFigures | None) -
         paper: what the paper reports on the same experiment, if it does.
     """
     evaluation = results.evaluation
-    targets = judge_targets(evaluation, paper) if paper else ()
+    targets = judge_targets(evaluation, paper, transitions=results.data.transitions) if paper else ()
     held_against = " and held against the paper" if paper else ""
     sections = (
-        Section("What was run", _run_blocks(results, origin)),
+        Section("What was run", (run_facts(origin, evaluation.delivered.seed),)),
         Section("The data", _data_blocks(results)),
         Section("Data quality", quality_blocks(results.data)),
-        Section("Table 1" if paper else "Subnetworks", _table_blocks(results, paper)),
+        Section("Table 1" if paper and paper.networks else "Subnetworks", _table_blocks(results, paper)),
         Section("Addressing", _addressing_blocks(results, origin)),
-        Section("One step ahead", _one_step_blocks(results, origin)),
+        Section("Specialisation", _specialisation_blocks(results, paper)),
+        Section("One step ahead", _one_step_blocks(results, origin, paper)),
         Section("Rollouts", _rollout_blocks(results, origin, paper)),
-        Section("Seeds", (tables.seed_table(evaluation, results.addressing.delivered),)),
+        Section("The two recipes", (both,) if (both := recipes_table(evaluation, origin.settings)) else ()),
+        Section("Seeds", _seed_blocks(results)),
         Section("Training", _training_blocks(results)),
         Section("Runs", (Links("Runs in MLflow that made these models", origin.runs),) if origin.runs else ()),
         Section("Source", (Text((CITATION,)),)),
@@ -73,9 +56,9 @@ def build_report(results: Results, origin: Origin, paper: PaperFigures | None) -
     return Report(
         title=origin.title,
         subtitle=f"An error-based addressing architecture, learned from logs{held_against}",
-        verdict=verdict(evaluation, targets),
-        findings=findings(evaluation, in_paper=paper is not None),
-        targets=tables.target_table(targets),
+        verdict=verdict(evaluation, targets, paper),
+        findings=findings(evaluation, paper),
+        targets=tables.target_table(targets, paper, results.data.transitions),
         sections=tuple(section for section in sections if section.blocks),
     )
 
@@ -90,50 +73,13 @@ def headline(results: Results, paper: PaperFigures | None) -> dict[str, float]:
         "loss/test": evaluation.own.one_step.scaled.mean,
     }
     if paper:
-        metrics["targets/reached"] = float(sum(target.met is True for target in judge_targets(evaluation, paper)))
+        targets = judge_targets(evaluation, paper, transitions=results.data.transitions)
+        metrics["targets/reached"] = float(sum(target.met is True for target in targets))
     if evaluation.own.rollouts:
         metrics |= {
             f"rollout_mse/{name}": spread.median for name, spread in evaluation.own.rollouts.all.mse.items() if spread
         }
     return metrics
-
-
-def _run_blocks(results: Results, origin: Origin) -> tuple[Block, ...]:
-    ensemble, addressing = origin.ensemble, origin.addressing
-    widths = " × ".join(map(str, ensemble.hidden))
-    target = {"change": "the change of the state", "absolute": "the next state"}.get(origin.target, origin.target)
-    bins = (
-        "in every epoch"
-        if ensemble.cluster_epochs >= ensemble.epochs
-        else f"in the first {ensemble.cluster_epochs} epochs, kept after that"
-    )
-    facts = {
-        "Params": origin.params_file,
-        "Subnetworks": f"{ensemble.members} with hidden layers {widths}, {ensemble.activation}; they predict {target}",
-        "Phase 1": (
-            f"{ensemble.epochs} epochs, bins by Algorithm 1 {bins}; loss {ensemble.loss}, {ensemble.batch_size} "
-            f"samples per network and update, {_optimiser(ensemble.optimiser.model_dump())}"
-        ),
-        "Addressing": f"hidden layers {' × '.join(map(str, addressing.hidden))}, {addressing.activation}",
-        "Phase 2": (
-            f"{addressing.epochs} epochs, {addressing.batch_size} samples per update, "
-            f"{_optimiser(addressing.optimiser.model_dump())}"
-        ),
-        "Seeds": f"{listed(list(map(str, ensemble.seeds)))}; delivered is seed {results.evaluation.delivered.seed}",
-        "Versions": ", ".join(f"{name} {version}" for name, version in origin.versions.items()),
-    }
-    if unbounded := [each.name for each in origin.spaces.observation if not np.isfinite([each.low, each.high]).all()]:
-        facts["Scale"] = f"of {listed(unbounded)}: the range of the training data, for lack of bounds"
-    if origin.commit:
-        facts["Git commit"] = origin.commit
-    return (Facts(facts),)
-
-
-def _optimiser(optimiser: Mapping[str, Any]) -> str:
-    share = optimiser["final_share"]
-    course = "constant" if share == 1 else f"falling to {percent(share, 0) if share else '0'} of it"
-    first, second = optimiser["betas"]
-    return f"Adam, learning rate {optimiser['learning_rate']:g}, {course}, betas {first:g} and {second:g}"
 
 
 def _data_blocks(results: Results) -> tuple[Block, ...]:
@@ -165,7 +111,7 @@ def _table_blocks(results: Results, paper: PaperFigures | None) -> tuple[Block, 
 def _addressing_blocks(results: Results, origin: Origin) -> tuple[Block, ...]:
     if len(results.evaluation.table.members) < 2:
         return ()
-    figure = members.state_maps(results.arrays, origin.spaces)
+    figure = members.state_maps(results.arrays, origin.features.spaces, origin.features.angles)
     return (
         Text((_why_delivered(results, origin.addressing.deliver),)),
         tables.variants_table(results.evaluation),
@@ -193,27 +139,58 @@ def _why_delivered(results: Results, deliver: str) -> str:
     )
 
 
-def _one_step_blocks(results: Results, origin: Origin) -> tuple[Block, ...]:
-    dimensions, evaluation = origin.spaces.observation, results.evaluation
+def _specialisation_blocks(results: Results, paper: PaperFigures | None) -> tuple[Block, ...]:
+    evaluation = results.evaluation
+    found = evaluation.specialisation
+    if len(evaluation.table.members) < 2:
+        return ()
+    return (
+        specialisation.samples_by_member(found, paper.agreement if paper else None),
+        specialisation.mean_losses(found, evaluation.baseline_losses),
+        histograms.loss_histograms(found),
+        histograms.output_histograms(found),
+    )
+
+
+def _one_step_blocks(results: Results, origin: Origin, paper: PaperFigures | None) -> tuple[Block, ...]:
+    features, evaluation = origin.features, results.evaluation
     updates = {name: int(metrics["updates"]) for name, metrics in results.baselines.items() if "updates" in metrics}
     recipe, train = origin.ensemble, results.data.splits.get("train")
     if train:
         per_epoch = updates_per_epoch(train.transitions, recipe.members, recipe.batch_size)
         updates["ensemble"] = recipe.epochs * per_epoch
+    stated = (claims_table(evaluation, paper.angles),) if paper and paper.angles else ()
     return (
-        tables.one_step_table(evaluation, updates),
-        comparison.candidates(evaluation, dimensions),
-        episodes.one_step_prediction(results.arrays, dimensions),
+        *stated,
+        tables.one_step_table(evaluation, updates, paper),
+        comparison.candidates(evaluation, features.spaces.observation),
+        episodes.one_step_prediction(results.arrays, features.spaces.observation, features.angles),
+        *((angle_forms(features.angle_from),) if features.angles else ()),
     )
 
 
 def _rollout_blocks(results: Results, origin: Origin, paper: PaperFigures | None) -> tuple[Block, ...]:
-    dimensions = origin.spaces.observation
+    dimensions, evaluation = origin.features.spaces.observation, results.evaluation
+    mechanics: tuple[Block, ...] = ()
+    if found := evaluation.rollouts.physics:
+        mechanics = (
+            rollout_tables.lost_table(evaluation, found),
+            physics.angles_and_energy(results.horizon, found),
+            rollout_tables.energy_table(evaluation, found),
+        )
     return (
-        tables.rollout_table(results.evaluation, paper),
-        episodes.error_against_horizon(results.horizon, dimensions),
+        *rollout_tables.rollout_tables(evaluation, paper),
+        *mechanics,
+        episodes.error_against_horizon(results.horizon["all"], dimensions),
+        *((film,) if (film := animations(results.arrays, origin.features.spaces)) else ()),
         episodes.rollouts(results.arrays, dimensions, results.evaluation.rollouts.kind),
     )
+
+
+def _seed_blocks(results: Results) -> tuple[Block, ...]:
+    beside_one = specialists_table(results.evaluation)
+    seeds = tables.seed_table(results.evaluation, results.addressing.delivered)
+    return (seeds, *([beside_one] if beside_one else []))
 
 
 def _training_blocks(results: Results) -> tuple[Block, ...]:

@@ -21,6 +21,11 @@ def scientific(value: float | None, digits: int = 2) -> str:
     return f"{mantissa}\u202f×\u202f10{str(int(exponent)).translate(_SUPERSCRIPT)}"
 
 
+def power_of_ten(value: float) -> str:
+    """Return a power of ten without a mantissa: 10⁻⁶."""
+    return f"10{str(round(math.log10(value))).translate(_SUPERSCRIPT)}"
+
+
 def significant(value: float | None, digits: int = 3) -> str:
     """Return `value` in plain decimals, rounded to so many significant digits but never to less than a unit."""
     if value is None:

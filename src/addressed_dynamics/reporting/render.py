@@ -8,7 +8,7 @@ from pathlib import Path
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from addressed_dynamics.files import atomic_path, write_text
-from addressed_dynamics.reporting.blocks import Panel, Report
+from addressed_dynamics.reporting.blocks import Report
 
 FIGURES = "figures"
 """Name of the folder of pictures beside the Markdown."""
@@ -19,7 +19,7 @@ def write_report(report: Report, folder: Path) -> None:
     with atomic_path(folder / FIGURES) as pictures:
         pictures.mkdir()
         for panel in report.panels:
-            (pictures / f"{panel.name}.png").write_bytes(panel.png)
+            (pictures / f"{panel.name}.{panel.format}").write_bytes(panel.content)
     write_text(folder / "report.md", render_markdown(report))
     write_text(folder / "report.html", render_html(report))
 
@@ -49,5 +49,5 @@ def _environment(*, autoescape: bool) -> Environment:
     )
 
 
-def _data_uri(panel: Panel) -> str:
-    return f"data:image/png;base64,{base64.b64encode(panel.png).decode('ascii')}"
+def _data_uri(content: bytes, picture_format: str) -> str:
+    return f"data:image/{picture_format};base64,{base64.b64encode(content).decode('ascii')}"

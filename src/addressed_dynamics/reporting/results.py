@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, Field, dataclass, fields
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 from zipfile import BadZipFile
 
 import numpy as np
@@ -48,7 +48,13 @@ class Arrays:
     rollout_predicted: Float[np.ndarray, "rollout time observation"]
     """What the model made of them."""
     rollout_group: np.ndarray
-    """Group that each of them stands for: `no_wall` and `wall`, or `all`; text (rollout,)."""
+    """Group that each of them stands for: `no_wall` and `wall`, segments of the data, or `all`; text (rollout,)."""
+    rollout_actions: np.ndarray | None = None
+    """The actions of these rollouts: integers (rollout, step), or (rollout, step, d_act); None if they are unknown."""
+    pair_profile: Float[np.ndarray, "2 sample"] | None = None
+    """Losses of the test transitions under a small ensemble of two, for Fig. 2; None, like the next, without one."""
+    pair_profile_untrained: Float[np.ndarray, "2 sample"] | None = None
+    """The same before its training."""
 
 
 @dataclass(frozen=True)
@@ -66,8 +72,8 @@ class Results:
     """ensemble.csv by training."""
     addressing_curves: Mapping[str, Columns]
     """addressing.csv by training."""
-    horizon: Mapping[str, Columns]
-    """horizon.csv by model."""
+    horizon: Mapping[str, Mapping[str, Columns]]
+    """horizon.csv by group of rollouts, then by model."""
     arrays: Arrays
 
 
@@ -89,7 +95,7 @@ def load_results(reports: Path, evaluation: Path) -> Results:
         learner=_read_csv(reports / "learner.csv", by="segment", needed=("return",)),
         ensemble_curves=_read_csv(reports / "ensemble.csv", by="training", needed=("epoch", "loss/train")),
         addressing_curves=_read_csv(reports / "addressing.csv", by="training", needed=("epoch", "agreement")),
-        horizon=_read_csv(reports / "horizon.csv", by="model", needed=("horizon",)),
+        horizon=_read_horizon(reports / "horizon.csv"),
         arrays=_read_arrays(evaluation / "arrays.npz"),
     )
     found = results.evaluation
@@ -113,11 +119,26 @@ def _read_json(path: Path, kind: type[Value]) -> Value:
 
 
 def _read_csv(path: Path, *, by: str, needed: tuple[str, ...]) -> dict[str, Columns]:
+    return _columns(path, _read_rows(path, (by, *needed)), by)
+
+
+def _read_horizon(path: Path) -> dict[str, dict[str, Columns]]:
+    groups: dict[str, list[dict[str, str]]] = {"all": []}
+    for row in _read_rows(path, ("group", "model", "horizon")):
+        groups.setdefault(row.pop("group"), []).append(row)
+    return {group: _columns(path, rows, "model") for group, rows in groups.items()}
+
+
+def _read_rows(path: Path, needed: tuple[str, ...]) -> list[dict[str, str]]:
     rows = list(csv.DictReader(_read_text(path).splitlines()))
-    for name in (by, *needed):
+    for name in needed:
         if rows and name not in rows[0]:
             message = f"{path}: there is no column '{name}'; run the stage that writes it again"
             raise ReportError(message)
+    return rows
+
+
+def _columns(path: Path, rows: list[dict[str, str]], by: str) -> dict[str, Columns]:
     groups: dict[str, list[dict[str, str]]] = {}
     for row in rows:
         groups.setdefault(row[by], []).append(row)
@@ -134,12 +155,16 @@ def _read_csv(path: Path, *, by: str, needed: tuple[str, ...]) -> dict[str, Colu
 def _read_arrays(path: Path) -> Arrays:
     try:
         with np.load(path, allow_pickle=False) as file:
-            return Arrays(**{field.name: file[field.name] for field in fields(Arrays)})
+            return Arrays(**{field.name: file[field.name] for field in fields(Arrays) if _is_there(field, file)})
     except FileNotFoundError as error:
         raise _missing(path) from error
     except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
         message = f"{path}: not the arrays that the evaluate stage writes ({error}); run it again"
         raise ReportError(message) from error
+
+
+def _is_there(field: Field[Any], file: Mapping[str, np.ndarray]) -> bool:
+    return field.default is MISSING or field.name in file
 
 
 def _read_text(path: Path) -> str:

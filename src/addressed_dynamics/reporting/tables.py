@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from addressed_dynamics.evaluation.rollouts import LEFT_BOUNDS_TOLERANCE
 from addressed_dynamics.reporting.blocks import Column, Row, Table
 from addressed_dynamics.reporting.numbers import (
     MISSING,
@@ -16,18 +15,18 @@ from addressed_dynamics.reporting.numbers import (
     scientific,
     significant,
 )
-from addressed_dynamics.reporting.paper import PaperFigures
+from addressed_dynamics.reporting.paper import AngleFigures, PaperFigures
 from addressed_dynamics.reporting.records import (
     AddressingResult,
     DataResult,
     Evaluation,
     MemberResult,
-    RolloutGroup,
 )
+from addressed_dynamics.reporting.rollout_tables import median_mse, row_kind
 from addressed_dynamics.reporting.targets import Target
 
 
-def target_table(targets: Sequence[Target]) -> Table:
+def target_table(targets: Sequence[Target], paper: PaperFigures | None, transitions: int) -> Table:
     """Return what was to be reached and what was."""
     words = {True: "reached", False: "missed", None: "open"}
     rows = [Row((each.name, each.wanted, each.found, words[each.met]), words[each.met]) for each in targets]
@@ -37,12 +36,27 @@ def target_table(targets: Sequence[Target]) -> Table:
         Column("Here"),
         Column("", numeric=False),
     )
-    return Table(
-        "What the paper reports, as targets for the delivered model on held-out episodes. The paper gives one "
-        "rollout figure for each dimension; that of the velocity is held against rollouts without wall contact, "
-        "because a contact one step late costs more than a whole rollout without one.",
-        columns,
-        tuple(rows),
+    if paper is None or paper.angles is None:
+        caption = (
+            "What the paper reports, as targets for the delivered model on held-out episodes. The paper gives one "
+            "rollout figure for each dimension; that of the velocity is held against rollouts without wall contact, "
+            "because a contact one step late costs more than a whole rollout without one."
+        )
+    else:
+        caption = (
+            "Targets for the delivered model on held-out episodes, beside what the paper reports. The paper does not "
+            "say whether its errors are squared or absolute; both are given (MSE, MAE). "
+            f"{_scale(paper.angles, transitions)}"
+        )
+    return Table(caption, columns, tuple(rows))
+
+
+def _scale(angles: AngleFigures, transitions: int) -> str:
+    if transitions >= angles.transitions:
+        return f"With {transitions:,} recorded transitions, these are the targets of the paper's scale."
+    return (
+        f"With {transitions:,} recorded transitions, where the paper has {angles.transitions:,}, the targets are those "
+        "of the quick scale."
     )
 
 
@@ -69,9 +83,13 @@ def paper_table(evaluation: Evaluation, paper: PaperFigures | None) -> Table:
         )
         for index, network in enumerate(paper.networks if paper else (), start=1)
     ]
-    where = "here, network" if paper else "network"
+    where = "here, network" if rows else "network"
     rows += [_member_row(f"{where} {k}", member) for k, member in enumerate(evaluation.table.members, start=1)]
-    which = "Table 1 of the paper, and the same for the delivered model" if paper else "The delivered model"
+    which = (
+        "Table 1 of the paper, and the same for the delivered model"
+        if paper and paper.networks
+        else "The delivered model"
+    )
     caption = (
         f"{which} (seed {evaluation.delivered.seed}, "
         f"{evaluation.delivered.variant.replace('_', '-')} addressing) on {evaluation.table.samples:,} transitions of "
@@ -132,7 +150,7 @@ def confusion_table(table: AddressingResult) -> Table:
     return Table(caption, columns, tuple(rows))
 
 
-def one_step_table(evaluation: Evaluation, updates: Mapping[str, int]) -> Table:
+def one_step_table(evaluation: Evaluation, updates: Mapping[str, int], paper: PaperFigures | None) -> Table:
     """Return the one-step errors of all candidates."""
     dimensions = evaluation.own.one_step.dimensions
     columns = (
@@ -152,78 +170,19 @@ def one_step_table(evaluation: Evaluation, updates: Mapping[str, int]) -> Table:
         cells = [candidate.label, count(candidate.parameters), MISSING if steps is None else count(steps)]
         cells += map(scientific, (scaled.mean, scaled.median, scaled.p99, scaled.max))
         cells += [scientific(each.absolute.mean) for each in candidate.one_step.dimensions]
-        rows.append(Row(tuple(cells), _kind(name)))
+        rows.append(Row(tuple(cells), row_kind(name)))
     caption = (
         f"One step ahead, all candidates on the same {evaluation.test.transitions:,} held-out transitions. The first "
         "line picks the best network with knowledge of the truth, so it bounds what addressing can reach. Parameters "
         "include the addressing network where one is used; updates are those of the predicting networks, each update "
         "with one batch for every network."
     )
-    return Table(caption, columns, tuple(rows))
-
-
-def rollout_table(evaluation: Evaluation, paper: PaperFigures | None) -> Table:
-    """Return the rollout errors of all candidates, beside the paper's if there are any."""
-    own = evaluation.own.rollouts
-    names = list(own.all.mse) if own else []
-    titles = list(own.groups) if own else []
-    bounded = own is not None and own.left_bounds_share is not None
-    columns = [Column("Model", numeric=False)]
-    if len(titles) > 1:
-        columns += [Column(title, f"{name}, median MSE") for name in names for title in titles]
-    else:
-        columns += [Column(name, "median MSE") for name in names]
-    columns += [Column("leave the bounds")] if bounded else []
-    rows = []
-    if paper:
-        cells = [_paper_mse(paper, name) if title == "all" else "" for name in names for title in titles]
-        rows.append(Row(("the paper, one rollout figure", *cells, *([""] if bounded else [])), "reference"))
-    for name, candidate in evaluation.candidates.items():
-        if candidate.rollouts is None:
-            continue
-        groups = candidate.rollouts.groups.values()
-        cells = [_median(group, each) for each in names for group in groups]
-        left = candidate.rollouts.left_bounds_share
-        cells += [] if left is None else ["0" if left == 0 else percent(left)]
-        rows.append(Row((candidate.label, *cells), _kind(name)))
-    caption = (
-        f"Free-running rollouts{_rollout_source(evaluation)}: mean squared error of a whole rollout in the units "
-        "of the state, median over rollouts"
-    )
-    if bounded:
+    if paper and paper.wide_network_fails and (wide := evaluation.baseline("wide")):
         caption += (
-            "; and the share of rollouts in which a predicted state leaves the bounds by more than "
-            f"{percent(LEFT_BOUNDS_TOLERANCE, 0)} of their range"
+            " One network of three layers of 512 is the paper's own comparison, which it says was unable to learn the "
+            f"dynamics; here it is '{wide[0].label}'."
         )
-    return Table(f"{caption}.", tuple(columns), tuple(rows))
-
-
-def _paper_mse(paper: PaperFigures, name: str) -> str:
-    return scientific(paper.rollouts[name].mse, 4) if name in paper.rollouts else MISSING
-
-
-def _median(group: RolloutGroup, name: str) -> str:
-    spread = group.mse.get(name)
-    return MISSING if spread is None else scientific(spread.median)
-
-
-def _rollout_source(evaluation: Evaluation) -> str:
-    rollouts, source = evaluation.own.rollouts, evaluation.rollouts
-    if rollouts is None:
-        return ""
-    if rollouts.no_wall and rollouts.wall:
-        free, wall = rollouts.no_wall.episodes, rollouts.wall.episodes
-        return f" ({rollouts.all.episodes:,} in all, {free:,} without and {wall:,} with wall contact)"
-    shorter = (
-        f"; the params file asks for {source.steps_wanted:,}, but no held-out episode is longer"
-        if source.steps < source.steps_wanted
-        else ""
-    )
-    stretches = f"{rollouts.all.episodes:,} stretches" if rollouts.all.episodes > 1 else "one stretch"
-    return (
-        f" beside {stretches} of {source.steps:,} steps from held-out episodes (from the true first state of each, "
-        f"under the actions recorded there{shorter})"
-    )
+    return Table(caption, columns, tuple(rows))
 
 
 def seed_table(evaluation: Evaluation, delivered: Mapping[str, str]) -> Table:
@@ -242,7 +201,7 @@ def seed_table(evaluation: Evaluation, delivered: Mapping[str, str]) -> Table:
     for seed, candidate in zip(evaluation.seeds, candidates, strict=True):
         table = evaluation.seeds[seed][delivered[seed]]
         cells = [seed, scientific(candidate.one_step.scaled.mean), scientific(candidate.one_step.scaled.median)]
-        cells += [_median(candidate.rollouts.all, name) if candidate.rollouts else MISSING for name in names]
+        cells += [median_mse(candidate.rollouts.all, name) if candidate.rollouts else MISSING for name in names]
         cells += [percent(table.agreement), significant(table.misclassified_per_thousand)]
         rows.append(Row(tuple(cells), "own" if seed == str(evaluation.delivered.seed) else ""))
     return Table(
@@ -274,9 +233,3 @@ def segment_table(data: DataResult) -> Table:
             " The share that reaches the goal is 0 by design in segments whose environment does not end at the goal."
         )
     return Table(caption, tuple(columns), tuple(Row(tuple(row)) for row in rows))
-
-
-def _kind(name: str) -> str:
-    if name == "ensemble/argmax":
-        return "own"
-    return "" if name.startswith("ensemble/") else "reference"

@@ -9,11 +9,12 @@ from torch import Tensor
 
 from addressed_dynamics.errors import TrainingError
 from addressed_dynamics.features.samples import Samples
+from addressed_dynamics.models.addressing import addressing_scores
 from addressed_dynamics.models.stacked import StackedMLP, in_chunks
 from addressed_dynamics.params import AddressingTraining
 from addressed_dynamics.training.checkpoints import Checkpoint
 from addressed_dynamics.training.epochs import Epoch, batches, updates_per_epoch
-from addressed_dynamics.training.losses import cross_entropy
+from addressed_dynamics.training.losses import cross_entropy, cross_entropy_of_heads
 from addressed_dynamics.training.runtime import named_generator
 from addressed_dynamics.training.update import StackTrainer
 
@@ -48,10 +49,10 @@ def train_addressing(
         raise TrainingError(message)
     members = train_profiles.shape[1]
     generator = named_generator(seed, "addressing/batches")
-    widths = (train.x.shape[1], *params.hidden, members)
-    network = StackedMLP(1, widths, params.activation, named_generator(seed, "addressing/weights"))
+    network = untrained_addressing(train.x.shape[1], members, params, seed=seed)
+    loss = cross_entropy_of_heads if params.heads else cross_entropy
     total_updates = params.epochs * updates_per_epoch(len(train), 1, params.batch_size)
-    trainer = StackTrainer(network, cross_entropy, params.optimiser, total_updates)
+    trainer = StackTrainer(network, loss, params.optimiser, total_updates)
     best = train_profiles.argmin(dim=1)
     weights = misclassification_weights(train_profiles, params.tie_share) if variant == "cost_sensitive" else None
     one_bin = torch.zeros(len(train), dtype=torch.int64)
@@ -80,6 +81,15 @@ def train_addressing(
         yield Epoch(epoch, epoch == params.epochs, trainer.updates, metrics, network)
 
 
+def untrained_addressing(inputs: int, members: int, params: AddressingTraining, *, seed: int) -> StackedMLP:
+    """Return the network that `train_addressing` starts from: a trunk with one head for each member, if params ask."""
+    generator = named_generator(seed, "addressing/weights")
+    if not params.heads:
+        return StackedMLP(1, (inputs, *params.hidden, members), params.activation, generator)
+    widths = (inputs, *params.hidden, *params.heads, 1)
+    return StackedMLP(members, widths, params.activation, generator, shared=len(params.hidden))
+
+
 def misclassification_weights(profiles: Float[Tensor, "sample member"], tie_share: float) -> Float[Tensor, " sample"]:
     """Return how often each sample should be seen: by the square root of what a wrong choice costs; mean 1.
 
@@ -104,7 +114,7 @@ def resample(weights: Float[Tensor, " sample"], generator: torch.Generator) -> I
 
 def choose(network: StackedMLP, samples: Samples) -> Int64[Tensor, " sample"]:
     """Return the member that the addressing network picks for each sample."""
-    return in_chunks(lambda x: network(x)[0].argmax(dim=1), samples.x, sample_dim=0)
+    return in_chunks(lambda x: addressing_scores(network, x).argmax(dim=1), samples.x, sample_dim=0)
 
 
 def addressing_metrics(

@@ -1,9 +1,15 @@
 """What the ensemble is compared with: how each baseline is made to train as long as the ensemble does."""
 
 import math
+from dataclasses import dataclass
 
-from addressed_dynamics.features.samples import Samples
-from addressed_dynamics.params import BaselinesParams, EnsembleParams
+from addressed_dynamics.params import (
+    AddressingTraining,
+    BaselinesParams,
+    EnsembleParams,
+    ExperimentParams,
+    FeatureParams,
+)
 from addressed_dynamics.training.ensemble import Binning
 from addressed_dynamics.training.epochs import updates_per_epoch
 
@@ -11,30 +17,82 @@ ABLATIONS: dict[str, Binning] = {"unequal_bins": "lowest_loss", "random_bins": "
 """The ensembles that are binned in another way, and how."""
 
 
-def baseline_params(name: str, ensemble: EnsembleParams, baselines: BaselinesParams, train: Samples) -> EnsembleParams:
-    """Return the training of baseline `name`, as the training of an ensemble.
+PAIR = "pair"
+"""Name of the ensemble of two that is trained for a figure alone, and is no baseline."""
+OTHER_RECIPE = {"default": "paper_recipe", "paper": "default_recipe"}
+"""Name of the ensemble with the recipe that was not chosen, by the one that was."""
+ONCE = (PAIR, *OTHER_RECIPE.values())
+"""What is trained from the first seed alone."""
 
-    An ablation trains as the ensemble does, but for its bins. A single network is an ensemble of one; it makes as many
-    updates as the ensemble, rounded up to whole epochs (with a member's batch size its epochs are n times as long, so
-    there are fewer of them).
+
+@dataclass(frozen=True)
+class Baseline:
+    """Something that is trained beside the ensemble."""
+
+    features: FeatureParams
+    """What its networks are given and asked for."""
+    ensemble: EnsembleParams
+    """How they are trained: a single network is an ensemble of one."""
+    binning: Binning
+    """How samples get their member."""
+    addressing: AddressingTraining | None
+    """How the network that addresses them is trained; None if there is nothing to choose."""
+
+
+def plan_baselines(
+    chosen: ExperimentParams, other: ExperimentParams, inputs: int, outputs: int, samples: int
+) -> dict[str, Baseline]:
+    """Return all that is to be trained, by name; the longest trainings, of large single networks, first.
 
     Args:
-        name: one of the baselines that params may name.
+        chosen: the experiment with the recipe of the ensemble.
+        other: the experiment with the other recipe.
+        inputs: inputs of the ensemble's networks.
+        outputs: outputs of these.
+        samples: number of training samples.
+    """
+    params, recipe = chosen.baselines, chosen.ensemble
+    plan = dict[str, Baseline]()
+    for name in (*params.single_networks, *params.train):
+        if name == "other_recipe":
+            plan[OTHER_RECIPE[chosen.recipe]] = Baseline(
+                other.features, other.ensemble, "equal", other.baselines.addressing
+            )
+        elif name in ABLATIONS:
+            plan[name] = Baseline(chosen.features, recipe, ABLATIONS[name], params.addressing)
+        else:
+            single = single_network_params(name, recipe, params, inputs, outputs, samples)
+            plan[name] = Baseline(chosen.features, single, "equal", None)
+    if params.pair_epochs:
+        pair = recipe.model_copy(update={"members": 2, "epochs": params.pair_epochs, "restart": False})
+        plan[PAIR] = Baseline(chosen.features, pair, "equal", None)
+    return plan
+
+
+def single_network_params(
+    name: str, ensemble: EnsembleParams, baselines: BaselinesParams, inputs: int, outputs: int, samples: int
+) -> EnsembleParams:
+    """Return the training of a single network, as the training of an ensemble of one.
+
+    It makes as many updates as the ensemble, rounded up to whole epochs (with a member's batch size its epochs are n
+    times as long, so there are fewer of them).
+
+    Args:
+        name: one of `baselines.single_networks`, or `total_parameters`.
         ensemble: training of the ensemble.
         baselines: what params say of baselines.
-        train: the training samples.
+        inputs: inputs of the network.
+        outputs: its outputs.
+        samples: number of training samples.
     """
-    if name in ABLATIONS:
-        return ensemble
-    updates = ensemble.epochs * updates_per_epoch(len(train), ensemble.members, ensemble.batch_size)
-    if name == "wide":
-        hidden, batch_size = baselines.wide_hidden, baselines.wide_batch_size
+    updates = ensemble.epochs * updates_per_epoch(samples, ensemble.members, ensemble.batch_size)
+    if name in baselines.single_networks:
+        shape = dict(baselines.single_networks[name])
     else:
-        hidden = hidden_of_total_parameters(train.x.shape[1], train.y.shape[1], ensemble.hidden, ensemble.members)
-        batch_size = ensemble.batch_size
-    epochs = math.ceil(updates / updates_per_epoch(len(train), 1, batch_size))
-    single = {"members": 1, "epochs": epochs, "cluster_epochs": 1, "hidden": hidden, "batch_size": batch_size}
-    return ensemble.model_copy(update=single)
+        shape = {"hidden": hidden_of_total_parameters(inputs, outputs, ensemble.hidden, ensemble.members)}
+    single = ensemble.model_copy(update={"members": 1, "cluster_epochs": 1, "restart": False, **shape})
+    epochs = math.ceil(updates / updates_per_epoch(samples, 1, single.batch_size))
+    return single.model_copy(update={"epochs": epochs})
 
 
 def hidden_of_total_parameters(inputs: int, outputs: int, hidden: tuple[int, ...], members: int) -> tuple[int, ...]:

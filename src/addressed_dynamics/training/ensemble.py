@@ -40,6 +40,9 @@ def train_ensemble(
     others; `share/k` of the former. `bins/changed`: share of the training samples that changed their bin;
     `learning_rate`.
 
+    With `params.restart` the epochs in which bins are made anew only find the bins: the networks then start again from
+    their first weights and the learning rate from its peak, so that no network has ever seen what is not in its bin.
+
     With a checkpoint, training goes on from it if it exists: the epochs before it are yielded again with their metrics
     (and the networks as they are after the last of them), and it ends as it would have without the interruption.
 
@@ -54,19 +57,27 @@ def train_ensemble(
         raise TrainingError(message)
     members = params.members
     generator = named_generator(seed, "ensemble/batches")
-    stack = untrained_ensemble(train.x.shape[1], train.y.shape[1], params, seed=seed)
-    total_updates = params.epochs * updates_per_epoch(len(train), members, params.batch_size)
-    trainer = StackTrainer(stack, REGRESSION_LOSSES[params.loss], params.optimiser, total_updates)
+    per_epoch = updates_per_epoch(len(train), members, params.batch_size)
+    search = params.cluster_epochs if params.restart else 0
+
+    def begin(epoch: int) -> StackTrainer:
+        untrained = untrained_ensemble(train.x.shape[1], train.y.shape[1], params, seed=seed)
+        epochs = search if epoch <= search else params.epochs - search
+        return StackTrainer(untrained, REGRESSION_LOSSES[params.loss], params.optimiser, epochs * per_epoch)
+
     bins = torch.randint(0, members, (len(train),), generator=named_generator(seed, "ensemble/random_bins"))
     history, state = checkpoint.load() if checkpoint else ([], {})
+    trainer = begin(max(len(history), 1))
     if history:
         bins, random_state = state.pop("bins"), state.pop("generator")
         generator.set_state(random_state)
         trainer.restore(state)
     for epoch, metrics in enumerate(history, start=1):
-        yield Epoch(epoch, epoch == params.epochs, epoch * total_updates // params.epochs, metrics, stack)
+        yield Epoch(epoch, epoch == params.epochs, epoch * per_epoch, metrics, trainer.stack)
     for epoch in range(len(history) + 1, params.epochs + 1):
-        previous = bins
+        if search and epoch == search + 1:
+            trainer = begin(epoch)
+        stack, previous = trainer.stack, bins
         if binning != "random" and epoch <= params.cluster_epochs:
             profiles = evaluate_profiles(stack, train, params.loss)
             bins = assign_to_bins(profiles) if binning == "equal" else profiles.argmin(dim=1)
@@ -79,7 +90,7 @@ def train_ensemble(
         history.append(metrics)
         if checkpoint:
             checkpoint.save(history, {**trainer.state(), "bins": bins, "generator": generator.get_state()})
-        yield Epoch(epoch, epoch == params.epochs, trainer.updates, metrics, stack)
+        yield Epoch(epoch, epoch == params.epochs, epoch * per_epoch, metrics, stack)
 
 
 def untrained_ensemble(inputs: int, outputs: int, params: EnsembleParams, *, seed: int) -> StackedMLP:

@@ -64,6 +64,16 @@ def cross_entropy(
     return -(chosen * weight).sum(dim=1), derivative * weight.unsqueeze(-1)
 
 
+def cross_entropy_of_heads(
+    output: Float[Tensor, "member sample 1"],
+    target: Int64[Tensor, "1 sample"],
+    weight: Float[Tensor, "1 sample"],
+) -> tuple[Float[Tensor, " 1"], Float[Tensor, "member sample 1"]]:
+    """Return the same for a network whose outputs are the heads of a stack: one loss, for they learn together."""
+    losses, derivative = cross_entropy(output.squeeze(-1).T.unsqueeze(0), target, weight)
+    return losses, derivative[0].T.unsqueeze(-1).contiguous()
+
+
 REGRESSION_LOSSES: dict[str, MemberLoss] = {
     "mse": squared_error,
     "mae": absolute_error,

@@ -8,9 +8,10 @@ from collections.abc import Callable
 
 import torch
 from jaxtyping import Float
-from torch import Tensor
+from torch import Tensor, nn
+from torch.optim.adam import adam
 
-from addressed_dynamics.models.stacked import ACTIVATIONS, Activation, StackedMLP
+from addressed_dynamics.models.stacked import Activation, StackedMLP
 from addressed_dynamics.params import OptimiserParams
 from addressed_dynamics.training.losses import MemberLoss
 
@@ -29,24 +30,32 @@ class StackTrainer:
         self._total_updates = total_updates
         self.updates = 0
         self._flat = torch.cat([parameter.detach().flatten() for parameter in stack.parameters()])
-        self._flat.grad = torch.zeros_like(self._flat)
+        self._gradient = torch.zeros_like(self._flat)
+        self._first_moment, self._second_moment = torch.zeros_like(self._flat), torch.zeros_like(self._flat)
+        self._adam_step = torch.tensor(0.0)
         shapes = [parameter.shape for parameter in stack.parameters()]
-        views, gradients = _views(self._flat, shapes), _views(self._flat.grad, shapes)
+        views, gradients = _views(self._flat, shapes), _views(self._gradient, shapes)
         for parameter, view in zip(stack.parameters(), views, strict=True):
             parameter.data = view
         layers = len(stack.weights)
         self._weights, self._biases = views[:layers], views[layers:]
         self._weight_gradients, self._bias_gradients = gradients[:layers], gradients[layers:]
-        self._adam = torch.optim.Adam([self._flat], lr=optimiser.learning_rate, betas=optimiser.betas, fused=True)
 
     @torch.no_grad()
     def update(
         self, x: Float[Tensor, "member sample input"], target: Tensor, weight: Float[Tensor, "member sample"]
     ) -> Float[Tensor, " member"]:
-        """Train every member on its own batch; return the members' losses before the update."""
+        """Train every member on its own batch; return the members' losses before the update.
+
+        If the stack has shared layers, all members are trained on one batch: `x` is (1, sample, input).
+        """
         losses = self.gradients(x, target, weight)
-        self._adam.param_groups[0]["lr"] = self.learning_rate
-        self._adam.step()
+        # The function that torch.optim.Adam calls: the class around it costs a small network as much as its products.
+        adam(
+            [self._flat], [self._gradient], [self._first_moment], [self._second_moment], [], [self._adam_step],
+            fused=True, amsgrad=False, beta1=self._schedule.betas[0], beta2=self._schedule.betas[1],
+            lr=self.learning_rate, weight_decay=0.0, eps=1e-8, maximize=False,
+        )  # fmt: skip
         self.updates += 1
         return losses
 
@@ -55,17 +64,28 @@ class StackTrainer:
         self, x: Float[Tensor, "member sample input"], target: Tensor, weight: Float[Tensor, "member sample"]
     ) -> Float[Tensor, " member"]:
         """Compute the gradient of the summed loss by all weights and biases; return the members' losses."""
-        activate, derive = ACTIVATIONS[self.stack.activation], _DERIVATIVES[self.stack.activation]
-        layer_inputs = [x]
-        for weights, bias in zip(self._weights[:-1], self._biases[:-1], strict=True):
-            layer_inputs.append(activate(torch.baddbmm(bias, layer_inputs[-1], weights)))
-        output = torch.baddbmm(self._biases[-1], layer_inputs[-1], self._weights[-1])
-        losses, derivative = self._loss(output, target, weight)
+        activate, derive = _ACTIVATE[self.stack.activation], _DERIVATIVES[self.stack.activation]
+        members, shared, hidden = self.stack.members, self.stack.shared, x
+        layer_inputs = list[Tensor]()
+        for layer, (weights, bias) in enumerate(zip(self._weights, self._biases, strict=True)):
+            if layer:
+                hidden = activate(hidden)
+            layer_inputs.append(hidden)
+            if layer == shared:
+                hidden = hidden.expand(members, -1, -1)
+            hidden = torch.baddbmm(bias, hidden, weights)
+        losses, derivative = self._loss(hidden, target, weight)
         for layer in range(len(self._weights) - 1, -1, -1):
-            torch.bmm(layer_inputs[layer].transpose(1, 2), derivative, out=self._weight_gradients[layer])
+            values, weights = layer_inputs[layer], self._weights[layer]
+            if layer >= shared:
+                values = values.expand(members, -1, -1)
+            torch.bmm(values.transpose(1, 2), derivative, out=self._weight_gradients[layer])
             torch.sum(derivative, dim=1, keepdim=True, out=self._bias_gradients[layer])
             if layer:
-                derivative = derive(torch.bmm(derivative, self._weights[layer].transpose(1, 2)), layer_inputs[layer])
+                derivative = torch.bmm(derivative, weights.transpose(1, 2))
+                if layer == shared:
+                    derivative = derivative.sum(dim=0, keepdim=True)
+                derivative = derive(derivative, layer_inputs[layer])
         return losses
 
     @property
@@ -77,30 +97,39 @@ class StackTrainer:
 
     def state(self) -> dict[str, Tensor]:
         """Return all that is needed to go on from here, as copies."""
-        adam = self._adam.state.get(self._flat)
-        moments = (adam["exp_avg"], adam["exp_avg_sq"]) if adam else (torch.zeros_like(self._flat),) * 2
         return {
             "parameters": self._flat.clone(),
-            "first_moment": moments[0].clone(),
-            "second_moment": moments[1].clone(),
+            "first_moment": self._first_moment.clone(),
+            "second_moment": self._second_moment.clone(),
             "updates": torch.tensor(self.updates),
         }
 
     def restore(self, state: dict[str, Tensor]) -> None:
         """Go on from what `state` returned."""
         self._flat.copy_(state["parameters"])
+        self._first_moment.copy_(state["first_moment"])
+        self._second_moment.copy_(state["second_moment"])
         self.updates = int(state["updates"])
-        self._adam.state[self._flat] = {
-            "step": torch.tensor(float(self.updates)),
-            "exp_avg": state["first_moment"].clone(),
-            "exp_avg_sq": state["second_moment"].clone(),
-        }
+        self._adam_step.fill_(self.updates)
 
 
 def _views(flat: Tensor, shapes: list[torch.Size]) -> list[Tensor]:
     """Return views of consecutive parts of `flat` with the given shapes."""
     parts = torch.split(flat, [shape.numel() for shape in shapes])
     return [part.view(shape) for part, shape in zip(parts, shapes, strict=True)]
+
+
+def _tanh_(values: Tensor) -> Tensor:
+    """Replace values by their tanh up to 2e-7, in a fifth of the time that torch.tanh takes."""
+    return values.mul_(2.0).sigmoid_().mul_(2.0).sub_(1.0)
+
+
+_ACTIVATE: dict[Activation, Callable[[Tensor], Tensor]] = {
+    "relu": torch.relu_,
+    "tanh": _tanh_,
+    "elu": nn.functional.elu_,
+}
+"""The activation functions, in place."""
 
 
 def _relu_derivative(derivative: Tensor, output: Tensor) -> Tensor:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import partial
 
 import numpy as np
@@ -83,8 +83,8 @@ def _ranges(
     for place, (name, spread) in enumerate(spreads.items()):
         low, middle, high = positive(np.array(spread))
         own = name == "ensemble/argmax"
-        axes.plot([low, high], [place, place], color=_colour(name), linewidth=2.5 if own else 1.5, alpha=0.5)
-        axes.plot(middle, place, marker="o", markersize=6 if own else 4.5, color=_colour(name))
+        axes.plot([low, high], [place, place], color=_colour(name, named), linewidth=2.5 if own else 1.5, alpha=0.5)
+        axes.plot(middle, place, marker="o", markersize=6 if own else 4.5, color=_colour(name, named))
     axes.set(title=title)
     logarithmic(axes, "x")
     _name_rows(axes, [_short(name, named[name]) for name in spreads])
@@ -92,8 +92,8 @@ def _ranges(
 
 def _shares(axes: Axes, named: dict[str, CandidateResult], shares: dict[str, float]) -> None:
     for place, (name, share) in enumerate(shares.items()):
-        axes.plot([0, 100 * share], [place, place], color=_colour(name), linewidth=1.5, alpha=0.5)
-        axes.plot(100 * share, place, marker="o", markersize=4.5, color=_colour(name))
+        axes.plot([0, 100 * share], [place, place], color=_colour(name, named), linewidth=1.5, alpha=0.5)
+        axes.plot(100 * share, place, marker="o", markersize=4.5, color=_colour(name, named))
     axes.set(title="rollouts that leave the bounds (%)", xlim=(-2, 102))
     _name_rows(axes, [_short(name, named[name]) for name in shares])
 
@@ -106,5 +106,5 @@ def _name_rows(axes: Axes, titles: list[str]) -> None:
     axes.grid(visible=False, axis="y")
 
 
-def _colour(name: str) -> str:
-    return INK if name.startswith("ensemble/") else model_style(name)[1]
+def _colour(name: str, named: Iterable[str]) -> str:
+    return INK if name.startswith("ensemble/") else model_style(name, named)[1]

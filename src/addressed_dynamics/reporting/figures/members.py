@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float, Int
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap, LogNorm
 
+from addressed_dynamics.features.spec import Angle
 from addressed_dynamics.reporting.blocks import Figure, Panel
 from addressed_dynamics.reporting.figures.style import (
     HALF,
@@ -35,59 +36,106 @@ CELLS = 40
 def loss_profiles(arrays: Arrays) -> Figure | None:
     """Draw the loss profile of every sample before and after training (Fig. 2 of the paper); None for one member.
 
-    With more than two members, the two that are selected most often.
+    With more than two members, those of a small ensemble of two if one was trained, else the two that are selected
+    most often.
     """
     members = len(arrays.profile)
     if members < 2:
         return None
-    popularity = np.bincount(arrays.chosen, minlength=members)
-    first, second = sorted(np.argsort(-popularity, kind="stable")[:2].tolist())
-    rows = thinned(len(arrays.chosen), MOST_POINTS)
-    profiles = {"before": arrays.profile_untrained, "after": arrays.profile}
-    everything = positive(np.concatenate([profile[[first, second]].ravel() for profile in profiles.values()]))
+    pair = _Pair.of_small_ensemble(arrays) if members > 2 else None
+    pair = pair or _Pair.of_delivered(arrays)
+    first, second = pair.members
+    rows = thinned(len(pair.colour), MOST_POINTS)
+    profiles = {"before": pair.untrained, "after": pair.trained}
+    everything = positive(np.concatenate([profile.ravel() for profile in profiles.values()]))
     low, high = np.quantile(everything, 0.002), everything.max() * 2
 
-    def draw(axes: Axes, profile: Float[np.ndarray, "member sample"], title: str) -> None:
+    def draw(axes: Axes, profile: Float[np.ndarray, "2 sample"], title: str) -> None:
         # Members are drawn point by point in the samples' order, so that none covers the other as a whole. The
         # lowest losses are drawn at the edge.
-        colours = [member_colour(k) for k in arrays.chosen[rows]]
-        x, y = (profile[k, rows].clip(min=low) for k in (first, second))
+        colours = [member_colour(k) for k in pair.colour[rows]]
+        x, y = profile[:, rows].clip(min=low)
         axes.plot([low, high], [low, high], color="#bbbbbb", linewidth=0.8, zorder=1)
         axes.scatter(x, y, c=colours, s=3, alpha=0.45, linewidths=0, zorder=2)
         axes.set(xscale="log", yscale="log", xlim=(low, high), ylim=(low, high), title=title)
         axes.set(xlabel=f"loss under network {first + 1}", ylabel=f"loss under network {second + 1}")
         axes.set_aspect("equal")
-        member_legend(axes, sorted(set(arrays.chosen.tolist())), loc="upper left", title="selected")
+        member_legend(axes, sorted(set(pair.colour.tolist())), loc="upper left", title=pair.legend)
 
     panels = tuple(
         panel(
             f"loss-profiles-{when}",
-            f"Losses of test samples under two networks {when} training, coloured by the selected network",
+            f"Losses of test samples under two networks {when} training, coloured by network ({pair.legend})",
             partial(draw, profile=profile, title=f"{when} training"),
             size=(4.6, 4.4),
         )
         for when, profile in profiles.items()
     )
     caption = (
-        f"Loss profiles (Fig. 2 of the paper). Each point is one of {len(rows):,} test transitions; its coordinates "
-        f"are its losses (of states scaled to [0, 1]) under networks {first + 1} and {second + 1}, its colour is the "
-        "network that the addressing network selects after training. On the grey line both serve it equally well; "
-        "the further from it, the more the choice matters."
+        f"Loss profiles (Fig. 2 of the paper){pair.origin}. Each point is one of {len(rows):,} test transitions; its "
+        f"coordinates are its losses (of states scaled to [0, 1]) under networks {first + 1} and {second + 1}, its "
+        f"colour is {pair.meaning}. On the grey line both serve it equally well; the further from it, the more the "
+        "choice matters."
     )
     return Figure(caption, panels)
 
 
-def state_maps(arrays: Arrays, spaces: SpaceSpec) -> Figure | None:
-    """Draw where in the plane of the first two dimensions each member is selected, and how large the error is.
+@dataclass(frozen=True)
+class _Pair:
+    """The two members whose losses are coordinates."""
 
-    One pair of maps for each discrete action. None if the state has one dimension.
+    members: tuple[int, int]
+    trained: Float[np.ndarray, "2 sample"]
+    untrained: Float[np.ndarray, "2 sample"]
+    colour: Int[np.ndarray, " sample"]
+    """Member whose colour each sample has."""
+    legend: str
+    meaning: str
+    """What the colour says, for the caption."""
+    origin: str
+    """What the caption says of the ensemble."""
+
+    @staticmethod
+    def of_delivered(arrays: Arrays) -> _Pair:
+        """Return the members that the delivered model selects most often."""
+        popularity = np.bincount(arrays.chosen, minlength=len(arrays.profile))
+        first, second = sorted(np.argsort(-popularity, kind="stable")[:2].tolist())
+        both = [first, second]
+        meaning = "the network that the addressing network selects after training"
+        return _Pair(
+            (first, second),
+            arrays.profile[both],
+            arrays.profile_untrained[both],
+            arrays.chosen,
+            "selected",
+            meaning,
+            "",
+        )
+
+    @staticmethod
+    def of_small_ensemble(arrays: Arrays) -> _Pair | None:
+        """Return the ensemble of two that was trained for this figure; None if there is none."""
+        trained, untrained = arrays.pair_profile, arrays.pair_profile_untrained
+        if trained is None or untrained is None:
+            return None
+        origin = f" of an ensemble of two, which was trained for this figure beside that of {len(arrays.profile)}"
+        meaning = "the network with the lower loss after training"
+        return _Pair((0, 1), trained, untrained, trained.argmin(axis=0), "lower loss", meaning, origin)
+
+
+def state_maps(arrays: Arrays, spaces: SpaceSpec, angles: Sequence[Angle] = ()) -> Figure | None:
+    """Draw where in a plane each member is selected, and how large the error is.
+
+    The plane is that of the first two angles, and without them that of the first two dimensions: cosine and sine of
+    one angle would make a mere circle. One pair of maps for each discrete action. None if the state has one dimension.
     """
     if len(spaces.observation) < 2:
         return None
+    places, dimensions = _places(arrays, spaces, angles)
     losses = positive(arrays.profile[arrays.chosen, np.arange(len(arrays.chosen))])
     parts = list(_by_action(arrays, spaces))
-    plane = _Plane.of(arrays.observation[:, :2], spaces.observation[:2])
-    grids = [plane.cells(arrays.observation[rows, :2]) for _, rows in parts]
+    plane = _Plane.of(places, dimensions)
+    grids = [plane.cells(places[rows]) for _, rows in parts]
     means = [_cell_means(losses[rows], cells) for (_, rows), cells in zip(parts, grids, strict=True)]
     low, high = (reduce([np.nanquantile(mean, share) for mean in means]) for reduce, share in ((min, 0.01), (max, 1.0)))
     members = len(arrays.profile)
@@ -111,7 +159,7 @@ def state_maps(arrays: Arrays, spaces: SpaceSpec) -> Figure | None:
             )
             axes.set_title(title)
 
-        seen = f"over {spaces.observation[0].name} and {spaces.observation[1].name}, {title}"
+        seen = f"over {dimensions[0].name} and {dimensions[1].name}, {title}"
         chosen_panels.append(
             panel(f"map-selected-{index}", f"Map of the selected network {seen}", draw_chosen, size=size)
         )
@@ -129,6 +177,18 @@ def state_maps(arrays: Arrays, spaces: SpaceSpec) -> Figure | None:
 
 
 _COLOUR_NAMES = ("blue", "orange", "green", "pink", "light blue", "yellow", "olive", "grey")
+
+
+def _places(
+    arrays: Arrays, spaces: SpaceSpec, angles: Sequence[Angle]
+) -> tuple[Float[np.ndarray, "sample 2"], tuple[Dimension, ...]]:
+    """Return where each sample is in the plane of the maps, and what its axes are."""
+    if len(angles) < 2:
+        return arrays.observation[:, :2], spaces.observation[:2]
+    column = dict(zip(spaces.observation_names, arrays.observation.T, strict=True))
+    shown = angles[:2]
+    places = np.stack([np.arctan2(column[each.sine], column[each.cosine]) for each in shown], axis=1)
+    return places, tuple(Dimension(each.name, "rad", -np.pi, np.pi) for each in shown)
 
 
 def _by_action(arrays: Arrays, spaces: SpaceSpec) -> Iterator[tuple[str, Bool[np.ndarray, " sample"]]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import matplotlib as mpl
@@ -29,8 +29,12 @@ MODELS = {
     "wide": ("one wide network", "#cc79a7"),
     "unequal_bins": ("without equal bins", "#56b4e9"),
     "random_bins": ("random bins", "#e69f00"),
+    "paper_recipe": ("the paper's recipe", "#7b3294"),
+    "default_recipe": ("the default recipe", "#7b3294"),
 }
 """Short title and colour of each model; one that is not here is drawn under its own name."""
+OTHER_MODELS = ("#d55e00", "#0072b2", "#8a7a00", "#8c510a", "#5a5a5a")
+"""Colours of the models that have none of their own, in their order."""
 HALF = (4.6, 3.2)
 """Size in hundreds of CSS pixels of a picture of which two stand side by side."""
 THIRD = (3.1, 2.7)
@@ -106,10 +110,19 @@ def member_colour(member: int) -> str:
     return MEMBERS[member % len(MEMBERS)]
 
 
-def model_style(name: str) -> tuple[str, str]:
-    """Return title and colour of a model such as `wide/seed-0`."""
+def model_style(name: str, among: Iterable[str] = ()) -> tuple[str, str]:
+    """Return title and colour of a model such as `wide/seed-0`.
+
+    Args:
+        name: the model's name.
+        among: names of all models that are drawn beside it: one without a colour of its own gets its colour by its
+            place among them.
+    """
     key = name.partition("/seed-")[0]
-    return MODELS.get(key, (key.replace("_", " "), FAINT))
+    keys = dict.fromkeys(each.partition("/seed-")[0] for each in (*among, name))
+    others = [each for each in keys if each not in MODELS and not each.startswith("ensemble/")]
+    colour = OTHER_MODELS[others.index(key) % len(OTHER_MODELS)] if key in others else INK
+    return MODELS.get(key, (key.replace("_", " "), colour))
 
 
 def positive(errors: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
