@@ -28,6 +28,10 @@ class TableError(AddressedDynamicsError):
     """A Parquet table is missing, damaged, of another version, or holds values that must not be there."""
 
 
+class MotionError(AddressedDynamicsError):
+    """Motion capture cannot be read: a file is missing or damaged, or holds another skeleton or another layout."""
+
+
 class RecordingError(AddressedDynamicsError):
     """A recording plan cannot be carried out."""
 
