@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NoReturn
 
 import numpy as np
 from jaxtyping import Float64
@@ -13,6 +12,7 @@ from jaxtyping import Float64
 from addressed_dynamics.errors import MotionError
 from addressed_dynamics.files import atomic_path
 from addressed_dynamics.motion.hierarchy import Skeleton, Words, hierarchy_lines, read_hierarchy
+from addressed_dynamics.motion.text import parse_table, read_lines
 
 
 @dataclass(frozen=True)
@@ -36,11 +36,7 @@ def read_bvh(path: Path) -> Bvh:
         MotionError: the file is missing or not BVH, has an unknown order of channels, is cut short, has a line with
             more or fewer values than there are channels, or a value that is not a finite number.
     """
-    try:
-        lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
-    except OSError as error:
-        message = f"{path}: cannot be read ({error.strerror})"
-        raise MotionError(message) from error
+    lines = read_lines(path)
     words = Words(path, lines)
     skeleton, channels = read_hierarchy(words)
     words.expect("Frames:")
@@ -50,7 +46,10 @@ def read_bvh(path: Path) -> Bvh:
     frame_time = words.number()
     if frame_time <= 0:
         words.fail("a frame time above 0", f"{frame_time:g} s")
-    values = _read_values(path, lines, words.line, frames, len(channels))
+    values = parse_table(path, lines, len(channels), after=words.line)
+    if len(values) != frames:
+        message = f"{path}: expected {frames} frames, as its header says, but found {len(values)} (is it cut short?)"
+        raise MotionError(message)
     positions = np.tile(skeleton.offsets, (frames, 1, 1))
     rotations = np.zeros_like(positions)
     for column, channel in enumerate(channels):
@@ -102,40 +101,3 @@ def _depth_first(skeleton: Skeleton, joint: int = 0) -> Iterator[int]:
     for child, parent in enumerate(skeleton.parents):
         if parent == joint:
             yield from _depth_first(skeleton, child)
-
-
-def _read_values(
-    path: Path, lines: list[str], after: int, frames: int, channels: int
-) -> Float64[np.ndarray, "frame channel"]:
-    """Read the values of all frames from the lines that follow line `after`, counted from 1."""
-    values = np.empty((0, 0))
-    if any(line.strip() for line in lines[after:]):
-        try:
-            values = np.loadtxt(lines[after:], comments=None, ndmin=2)
-        except ValueError:  # it counts rows, not lines of the file, and has other words for each mistake
-            _fail_at_line(path, lines, after, frames, channels)
-    if values.shape != (frames, channels) or not np.isfinite(values).all():
-        _fail_at_line(path, lines, after, frames, channels)
-    return values
-
-
-def _fail_at_line(path: Path, lines: list[str], after: int, frames: int, channels: int) -> NoReturn:
-    """Find the first line that is wrong, and say so."""
-    filled = [(number, line.split()) for number, line in enumerate(lines[after:], after + 1) if line.strip()]
-    for number, words in filled[:frames]:
-        if len(words) != channels:
-            message = f"{path}, line {number}: expected {channels} values, one a channel, but found {len(words)}"
-            raise MotionError(message)
-        wrong = next((word for word in words if not _is_finite(word)), None)
-        if wrong is not None:
-            message = f"{path}, line {number}: expected a finite number, but found '{wrong[:40]}'"
-            raise MotionError(message)
-    message = f"{path}: expected {frames} frames, as its header says, but found {len(filled)} (is the file cut short?)"
-    raise MotionError(message)
-
-
-def _is_finite(word: str) -> bool:
-    try:
-        return bool(np.isfinite(float(word)))
-    except ValueError:
-        return False
