@@ -33,7 +33,7 @@ def write_clip(
     rotations[:, 0, 1] += 60 * seconds[:, 0, 0]
     root = np.array([0, 17.5, 0]) + seconds[:, 0] * generator.uniform(-20, 20, 3) * [1, 0, 1]
     write_bvh(folder / f"{name}.bvh", SKELETON, root, rotations, 1 / 120)
-    np.savetxt(folder / f"{name}.phase", np.arange(frames) / 97 % 1, fmt="%.5f")
+    np.savetxt(folder / f"{name}.phase", (np.arange(frames) + 0.5) / 97 % 1, fmt="%.5f")
     np.savetxt(folder / f"{name}.gait", generator.dirichlet(np.ones(8), frames), fmt="%.5f")
     (folder / f"{name}_footsteps.txt").write_text(footsteps)
     return folder / f"{name}.bvh"

@@ -1,6 +1,7 @@
 """The feature extraction, transcribed frame by frame with matrices: what tests and a benchmark hold ours against."""
 
 import math
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -22,12 +23,12 @@ def read_naively(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[i
         for (a, b, c, d, _, f, _, h), place in zip(labels[::2], places, strict=True)
     ]
     ahead = _facing(places)
-    stands = [[sum((b[j] - a[j]) ** 2) < 0.02 for j in FEET] for a, b in zip(places, places[1:], strict=False)]
+    stands = [[sum((b[j] - a[j]) ** 2) < 0.02 for j in FEET] for a, b in pairwise(places)]
     starts = [
         int(line.split()[0]) // 2 for line in path.with_name(f"{path.stem}_footsteps.txt").read_text().splitlines()
     ]
     x, y, phases, frames = [], [], [], []
-    for start, end in zip(starts, starts[1:], strict=False):
+    for start, end in pairwise(starts):
         if start < 60 or end >= len(places) - 61:
             continue
         level = _level(places, stands, start - 60, end + 60)
@@ -138,8 +139,9 @@ def _outputs(
     to_root = _turn(1, -math.degrees(angles[0]))
     rotations = [number for turn in turns[i] for number in _logarithm(to_root @ turn)]
     return [
-        move[0], move[2], -math.remainder(angles[1] - angles[0], 2 * math.pi), (phase[i + 1] - phase[i]) % 1, *stands[i],
-        *_trajectory(places, ahead, i + 1, range(0, 60, 10)), *_joints(places, ahead, level, i), *rotations,
+        move[0], move[2], -math.remainder(angles[1] - angles[0], 2 * math.pi), (phase[i + 1] - phase[i]) % 1,
+        *stands[i], *_trajectory(places, ahead, i + 1, range(0, 60, 10)),
+        *_joints(places, ahead, level, i), *rotations,
     ]  # fmt: skip
 
 

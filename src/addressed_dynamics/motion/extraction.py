@@ -71,7 +71,7 @@ def extract_outputs(
     """Return the outputs of `frames`, which have at least `cycles.REACH` frames before and after them."""
     outputs = np.empty((len(frames), OUTPUT.width), np.float32)
     velocities = _velocities(poses, frames)
-    outputs[:, OUTPUT.root_velocity] = velocities.reshape(len(frames), -1, 3)[:, 0, [0, 2]]
+    outputs[:, OUTPUT.root_velocity] = velocities[:, [0, 2]]  # the root moves as the hips do, which come first
     turned = in_root(poses.facing[frames + 1], poses.facing[frames])
     outputs[:, OUTPUT.root_turn] = -np.arctan2(turned[:, 0], turned[:, 2])[:, None]
     change = phase[frames + 1] - phase[frames]
@@ -83,7 +83,7 @@ def extract_outputs(
     outputs[:, OUTPUT.joint_velocity] = velocities
     to_root = between(poses.facing[frames], AHEAD)[:, None]
     rotations = logarithm(multiply(to_root, poses.rotations[frames]))
-    outputs[:, OUTPUT.joint_rotation] = rotations.reshape(len(frames), -1)
+    outputs[:, OUTPUT.joint_rotation] = rotations.reshape(len(frames), 3 * len(JOINTS))
     return outputs
 
 
@@ -108,10 +108,10 @@ def _positions(
     """Return the joints at `frames`, seen from the root on the ground below the hips."""
     root = poses.positions[frames, 0] * HORIZONTAL + ground.level[:, None] * UP
     seen = in_root(poses.positions[frames] - root[:, None], poses.facing[frames, None])
-    return seen.reshape(len(frames), -1)
+    return seen.reshape(len(frames), 3 * len(JOINTS))
 
 
 def _velocities(poses: Poses, frames: Int64[np.ndarray, " row"]) -> Float64[np.ndarray, "row coordinate"]:
     """Return how the joints move in the world from `frames` to the next ones, seen from the root at `frames`."""
     moves = poses.positions[frames + 1] - poses.positions[frames]
-    return in_root(moves, poses.facing[frames, None]).reshape(len(frames), -1)
+    return in_root(moves, poses.facing[frames, None]).reshape(len(frames), 3 * len(JOINTS))

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float64, Int64
 from addressed_dynamics.errors import MotionError
 from addressed_dynamics.motion.cycles import REACH, Cycle
 from addressed_dynamics.motion.kinematics import Poses
-from addressed_dynamics.motion.layout import INPUT_HEIGHTS, JOINTS, OFFSETS
+from addressed_dynamics.motion.layout import JOINTS, OFFSETS
 from addressed_dynamics.motion.text import parse_table, read_lines
 
 FEET = tuple(JOINTS.index(name) for name in ("LeftFoot", "LeftToeBase", "RightFoot", "RightToeBase"))
@@ -70,11 +70,10 @@ def read_height_map(path: Path) -> HeightMap:
         MotionError: the file cannot be read, a line has too few or too many numbers, or a number makes no sense.
     """
     lines = read_lines(path)
-    if len(lines) < 2 or not lines[1].split():
-        message = (
-            f"{path}: expected a line of cell size, x and z, and lines of heights below it, but found {len(lines)}"
-        )
-        raise MotionError(message)
+    for number, content in ((1, "cell size, x and z"), (2, "heights along x")):
+        if len(lines) < number or not lines[number - 1].split():
+            message = f"{path}, line {number}: expected {content}, but found nothing"
+            raise MotionError(message)
     cell, x, z = parse_table(path, lines[:1], 3)[0]
     if cell <= 0:
         message = f"{path}, line 1: expected a cell size above 0 cm, but found {cell:g}"
@@ -102,7 +101,7 @@ def flat_ground(poses: Poses, cycles: list[Cycle]) -> Ground:
         moves = stand[around.start : around.stop - 1]
         told = below_feet[around][np.concatenate([moves, moves[-1:]])]
         levels += [told.mean() if len(told) else 0.0] * (cycle.last + 1 - cycle.first)
-    return Ground(np.array(levels), np.zeros((len(levels), INPUT_HEIGHTS.stop - INPUT_HEIGHTS.start)))
+    return Ground(np.array(levels), np.zeros((len(levels), len(SIDES) * len(OFFSETS))))
 
 
 def mapped_ground(poses: Poses, frames: Int64[np.ndarray, " row"], height_map: HeightMap) -> Ground:
@@ -114,4 +113,4 @@ def mapped_ground(poses: Poses, frames: Int64[np.ndarray, " row"], height_map: H
         axis=1,
     )
     level = heights[:, SIDES.index(0.0)].mean(axis=-1)
-    return Ground(level, (heights - level[:, None, None]).reshape(len(frames), -1))
+    return Ground(level, (heights - level[:, None, None]).reshape(len(frames), len(SIDES) * len(OFFSETS)))
