@@ -5,7 +5,7 @@ root's frame into the world, and by its conjugate back.
 """
 
 import numpy as np
-from jaxtyping import Complex, Float, Float64, Int64
+from jaxtyping import Complex, Float, Int64
 
 from addressed_dynamics.motion.layout import GAITS, INPUT, NOW
 
@@ -23,12 +23,8 @@ def ground_of(points: Float[np.ndarray, "*any 3"]) -> Complex[np.ndarray, "*any"
     return ground(points[..., 0], points[..., 2])
 
 
-def wrapped(angle: Float64[np.ndarray, "*any"]) -> Float64[np.ndarray, "*any"]:
-    """Return angles in [-pi, pi)."""
-    return (angle + np.pi) % (2 * np.pi) - np.pi
-
-
 def current_gait(x: Float[np.ndarray, "row 342"]) -> Int64[np.ndarray, " row"]:
     """Return the gait of each input's own frame: the index in `layout.GAITS` of the highest."""
     gaits = np.stack([x[:, INPUT[f"gait_{gait}"]][:, NOW] for gait in GAITS], axis=1)
-    return gaits.argmax(axis=1)
+    highest: Int64[np.ndarray, " row"] = gaits.argmax(axis=1)
+    return highest

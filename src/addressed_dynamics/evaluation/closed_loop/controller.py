@@ -1,4 +1,4 @@
-"""The controller of Holden, Komura and Saito (SIGGRAPH 2017, Section 6): from commands to inputs, from outputs to motion.
+"""The controller of Holden, Komura and Saito (SIGGRAPH 2017): from commands to inputs, from outputs to motion.
 
 It keeps a trajectory of the root, one entry a frame: 60 frames of the past, the present, and a future that blends what
 the network predicted with what the player asks for. Several runs advance side by side. All functions return new states.

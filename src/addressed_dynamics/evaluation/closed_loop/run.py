@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Bool, Complex128, Float32, Float64, Int64
 
 from addressed_dynamics.errors import EvaluationError
-from addressed_dynamics.evaluation.closed_loop.commands import SLOWEST, Script
+from addressed_dynamics.evaluation.closed_loop.commands import Script
 from addressed_dynamics.evaluation.closed_loop.controller import (
     Commands,
     Pose,
