@@ -26,9 +26,9 @@ def persistence_plus_velocity(mean: Float[np.ndarray, " 311"]) -> MotionPredicto
     """Return the predictor that lets everything go on as it goes.
 
     An input holds the joints of the frame before, in the root before. Their velocities lead exactly to where they are
-    now, and those of the hips to where the root is now; how far it turned meanwhile is read off the trajectory. Velocities
-    stay as they are, and the trajectory is the given one, seen from a root one frame on. What cannot be known from the
-    input (change of phase, contacts, rotations) is as on average.
+    now, and those of the hips to where the root is now; how far it turned meanwhile is read off the trajectory.
+    Velocities stay as they are, and the trajectory is the given one, seen from a root one frame on. What cannot be
+    known from the input (change of phase, contacts, rotations) is as on average.
 
     Args:
         mean: mean outputs of training.

@@ -87,7 +87,7 @@ def phase_use(
     bins = np.minimum((phase % 1.0 * PHASE_BINS).astype(np.int64), PHASE_BINS - 1)
     groups = [np.flatnonzero(gait == index) for index in range(len(GAITS))]
     occurring = [(GAITS[index], rows) for index, rows in enumerate(groups) if len(rows)]
-    # What is the same for all gaits must be shuffled within each, or differences between gaits would count as phase.
+    # Shuffled within each gait, and averaged over them: else the gait would count as phase where their phases differ.
     chance = {
         name: np.array(
             [_information(chosen[rows], bins[generator.permutation(rows)], members) for _ in range(SHUFFLES)]
@@ -151,6 +151,13 @@ def _information(chosen: Int64[np.ndarray, " row"], bins: Int64[np.ndarray, " ro
     """Return the mutual information of member and interval of the phase, in bits."""
     counts = _counts(chosen, bins, members)
     return max(0.0, _entropy(counts.sum(axis=1)) + _entropy(counts.sum(axis=0)) - _entropy(counts.ravel()))
+
+
+def _by_chance(
+    chosen: Int64[np.ndarray, " row"], bins: Int64[np.ndarray, " row"], members: int, generator: np.random.Generator
+) -> Float64[np.ndarray, " shuffle"]:
+    """Return the mutual information that is left when the phases are shuffled, in bits."""
+    return np.array([_information(chosen, generator.permutation(bins), members) for _ in range(SHUFFLES)])
 
 
 def _concentrations(

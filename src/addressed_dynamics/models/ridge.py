@@ -54,21 +54,23 @@ def moments(chunks: Chunks) -> Moments:
     Raises:
         TrainingError: there are no rows.
     """
-    rows, x_sum, y_sum, xx, xy = 0, np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0)
-    x_origin, y_origin = np.zeros(0), np.zeros(0)
+    rows, sums = 0, (np.zeros(()),) * 4
+    x_origin = y_origin = np.zeros(())
     for x_rows, y_rows in chunks:
+        if not len(x_rows):
+            continue
         x, y = np.asarray(x_rows, np.float64), np.asarray(y_rows, np.float64)
         if not rows:
-            # Seen from near their mean, squares of large numbers leave the digits of small deviations.
+            # Seen from near their mean: squares of large numbers would not leave digits for small deviations.
             x_origin, y_origin = x.mean(axis=0), y.mean(axis=0)
         x, y = x - x_origin, y - y_origin
-        first = not rows
         rows += len(x)
-        x_sum, y_sum = (x.sum(0), y.sum(0)) if first else (x_sum + x.sum(0), y_sum + y.sum(0))
-        xx, xy = (x.T @ x, x.T @ y) if first else (xx + x.T @ x, xy + x.T @ y)
+        own = (x.sum(axis=0), y.sum(axis=0), x.T @ x, x.T @ y)
+        sums = tuple(total + more for total, more in zip(sums, own, strict=True))
     if not rows:
         message = "ridge regression needs at least one row"
         raise TrainingError(message)
+    x_sum, y_sum, xx, xy = sums
     x_mean, y_mean = x_sum / rows, y_sum / rows
     return Moments(
         rows=rows,

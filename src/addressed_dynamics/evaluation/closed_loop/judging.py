@@ -116,7 +116,7 @@ class Course:
     """Share of its length by which a bone is too long or too short."""
     plausible_height: Bool[np.ndarray, " frame"]
     settled: Bool[np.ndarray, " frame"]
-    """Whether it is long enough since the command changed."""
+    """Whether it is long enough since the command changed, and before it changes."""
     living: Bool[np.ndarray, " frame"]
 
     def arrays(self) -> dict[str, np.ndarray]:
@@ -232,9 +232,13 @@ def _of_kind(course: Course, kind: str, frames: Bool[np.ndarray, " frame"]) -> K
 
 
 def _settled(script: Script) -> Bool[np.ndarray, " frame"]:
-    """Return which frames come at least `SETTLING` after their segment's first."""
+    """Return which frames come at least `SETTLING` after their segment's first, and are averaged within it."""
+    frames = np.arange(len(script))
     begins = np.flatnonzero(np.diff(script.segment, prepend=-1))
-    settled: Bool[np.ndarray, " frame"] = np.arange(len(script)) - begins[script.segment] >= SETTLING
+    ends = np.append(begins[1:], len(script))
+    settled: Bool[np.ndarray, " frame"] = (frames - begins[script.segment] >= SETTLING) & (
+        frames + CYCLE // 2 < ends[script.segment]
+    )
     return settled
 
 

@@ -33,7 +33,7 @@ def closed_loop_score(judgements: Sequence[RunJudgement]) -> float:
       are at a plausible height.
 
     Nobody gets everything, for turns are followed late: the released network gets 0.87 on the test script, and its
-    mean pose 0.16 if it slides exactly as commanded.
+    mean pose 0.15 if it slides along as commanded.
     """
     total = worth = 0.0
     for judgement in judgements:
