@@ -71,7 +71,7 @@ def _cadence(speed: Curve, running: Curve, moving: Curve) -> Curve:
     """Return strides a frame. While it stands, the clock times how the weight goes from foot to foot."""
     walk = 0.64 + 0.0027 * speed
     jog = 1.2 + 0.0008 * speed
-    strides: Curve = 0.4 + moving * (walk + running * (jog - walk) - 0.4)
+    strides: Curve = 0.55 + moving * (walk + running * (jog - walk) - 0.55)
     return strides / RATE
 
 
