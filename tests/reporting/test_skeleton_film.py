@@ -13,11 +13,12 @@ from addressed_dynamics.motion.layout import JOINTS, PARENTS
 from addressed_dynamics.motion.walker.body import OFFSETS
 from addressed_dynamics.motion.walker.clips import walk
 from addressed_dynamics.motion.walker.script import SCRIPTS
+from addressed_dynamics.reporting.actors import Actor
 from addressed_dynamics.reporting.animation import skeleton
 from addressed_dynamics.reporting.animation.camera import Camera
 from addressed_dynamics.reporting.animation.film import GAP, HEAD
 from addressed_dynamics.reporting.animation.gif import Palette
-from addressed_dynamics.reporting.animation.skeleton import HEIGHT, SIDE, Actor, skeleton_film
+from addressed_dynamics.reporting.animation.skeleton import HEIGHT, SIDE, skeleton_film
 from addressed_dynamics.reporting.blocks import Panel
 
 
@@ -133,11 +134,11 @@ def test_what_cannot_be_shown_is_an_error_that_says_why(moving: Any) -> None:
     broken = moving.copy()
     broken[30, 4, 1] = np.nan
     for actors, words in (
-        ([], "has 0 actors"),
-        ([Actor("ours", moving)] * 3, "has 3 actors"),
+        ([], "there are 0 actors"),
+        ([Actor("ours", moving)] * 3, "there are 3 actors"),
         ([Actor("ours", moving), Actor("theirs", moving[:30])], "lengths 30, 60"),
         ([Actor("ours", moving[:0])], "lengths 0"),
-        ([Actor("ours", broken)], "'ours'.*not finite: end the film"),
+        ([Actor("ours", broken)], "'ours'.*not finite: show it until"),
         ([Actor("ours", moving[:, :20])], r"shape \(60, 20, 3\)"),
     ):
         with pytest.raises(ReportError, match=words):

@@ -7,22 +7,15 @@ from jaxtyping import Bool, Float, Float64
 from PIL import ImageColor
 
 from addressed_dynamics.motion.layout import FRAME_RATE, JOINTS
+from addressed_dynamics.reporting.actors import ARROW_FRAMES, ASKED, CONTACT_JOINTS, TOUCHED
 from addressed_dynamics.reporting.animation.brush import Brush
 from addressed_dynamics.reporting.animation.camera import Camera
-from addressed_dynamics.reporting.animation.scenes import FORE, SOFT
-from addressed_dynamics.reporting.figures.style import MEMBERS
+from addressed_dynamics.reporting.animation.scenes import SOFT
 
-BODIES = (MEMBERS[0], FORE)
-"""Colour of the first person and of the second one."""
-ACCENTS = (MEMBERS[1], MEMBERS[2])
-"""Colour of the command, and of what touches the ground."""
 _SHADOW = "#d4d4d4"
 SHADES = (SOFT, _SHADOW)
 """Colours of what stands back."""
 
-_ASKED, _TOUCHED = ACCENTS
-_ARROW_FRAMES = 24
-"""The command's arrow ends where one who obeys is after so many frames."""
 _TRACE_FRAMES = 2 * FRAME_RATE
 _TILE, _STAGE = 80.0, 130.0  # side of a tile of the ground, and how far around a person there are some, in cm
 
@@ -32,7 +25,6 @@ _LIMBS = (
 )  # fmt: skip
 """Bones of a side of the body, and how thick they are, in cm."""
 _TRUNK = ("LeftArm", "RightArm", "RightUpLeg", "LeftUpLeg")
-_CONTACT_JOINTS = [JOINTS.index(joint) for joint in ("LeftFoot", "LeftToeBase", "RightFoot", "RightToeBase")]
 
 
 def draw_ground(
@@ -44,18 +36,19 @@ def draw_ground(
 ) -> None:
     """Draw what lies on the ground: its tiles, where feet stood lately, the way asked for, the shadow."""
     _draw_tiles(brush, camera)
-    recent = positions[-_TRACE_FRAMES:, _CONTACT_JOINTS]
+    recent = positions[-_TRACE_FRAMES:, CONTACT_JOINTS]
     stood = recent[touching[-_TRACE_FRAMES:]] * [1, 0, 1]
     near = stood[np.linalg.norm(stood - camera.target * [1, 0, 1], axis=1) < _STAGE]
     for place in camera.seen(np.unique(near.round(), axis=0)):  # whole cm: a foot that stands is one place
-        brush.disc(place, _mixed(_TOUCHED, 0.5), 1.6)
+        brush.disc(place, _mixed(TOUCHED, 0.5), 1.6)
     shadow = positions[-1].astype(np.float64) * [1, 0, 1]
     for start, end, width in _bones():
         brush.line(camera.seen(shadow[[start, end]]), _SHADOW, 0.9 * width * camera.scale)
     if command is not None and np.hypot(*command) > 0.05:
-        start = camera.target * [1, 0, 1]
-        way = start + np.linspace(0.12, 1.0, 2)[:, None] * _ARROW_FRAMES * np.array([command[0], 0.0, command[1]])
-        brush.arrow(camera.seen(way), _ASKED, 4)
+        way = camera.target * [1, 0, 1] + np.linspace(0.12, 1.0, 2)[:, None] * ARROW_FRAMES * np.array(
+            [command[0], 0.0, command[1]]
+        )
+        brush.arrow(camera.seen(way), ASKED, 4)
 
 
 def _draw_tiles(brush: Brush, camera: Camera) -> None:
@@ -88,8 +81,8 @@ def draw_body(
         line, thickness = camera.seen(joints[[start, end]]), width * camera.scale
         brush.line(line, "#ffffff", thickness + 2.4)
         brush.line(line, _mixed(colour, 0.5) if JOINTS[start].startswith("Left") else colour, thickness)
-    for place in camera.seen(joints[_CONTACT_JOINTS][touching]):
-        brush.disc(place, _TOUCHED, 4)
+    for place in camera.seen(joints[CONTACT_JOINTS][touching]):
+        brush.disc(place, TOUCHED, 4)
 
 
 def _draw_trunk(

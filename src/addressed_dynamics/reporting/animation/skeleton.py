@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Float64
 from PIL import Image, ImageDraw
 
-from addressed_dynamics.errors import ReportError
-from addressed_dynamics.motion.layout import FRAME_RATE, JOINTS
+from addressed_dynamics.motion.layout import FRAME_RATE
+from addressed_dynamics.reporting.actors import ASKED, BODIES, TOUCHED, Actor, check_actors, facing
 from addressed_dynamics.reporting.animation.brush import OVERSAMPLING, Brush
 from addressed_dynamics.reporting.animation.camera import Camera
-from addressed_dynamics.reporting.animation.figure import ACCENTS, BODIES, SHADES, draw_body, draw_ground
+from addressed_dynamics.reporting.animation.figure import SHADES, draw_body, draw_ground
 from addressed_dynamics.reporting.animation.film import GAP, HEAD
 from addressed_dynamics.reporting.animation.gif import Palette, gif_panel
 from addressed_dynamics.reporting.blocks import Panel
@@ -26,23 +25,11 @@ STRIDE = 5
 SIDE, HEIGHT, FOOT = 340, 264, 26
 """Size of the picture of one person, and height of what is written below, in pixels."""
 
-_PALETTE = Palette((INK, *BODIES, *ACCENTS), flat=SHADES)
+_PALETTE = Palette((INK, *BODIES, ASKED, TOUCHED), flat=SHADES)
 _ELEVATION, _DISTANCE, _SCALE = np.radians(16.0), 900.0, 1.22
 _SIDEWAYS = np.radians(58.0)  # from where a person faces to where the camera is
 _MIDDLE = 74.0  # height in cm of what is in the middle of a picture
 _SMOOTHING = 0.3 * FRAME_RATE  # frames
-
-
-@dataclass(frozen=True)
-class Actor:
-    """One person over time, at `FRAME_RATE`."""
-
-    title: str
-    """Who moves it, for instance `addressed ensemble`."""
-    positions: Float[np.ndarray, "time 31 3"]
-    """Where the joints of `layout.SKELETON` are in the world, in cm, y upwards."""
-    contacts: Float[np.ndarray, "time 4"] | None = None
-    """Probability that each of `layout.CONTACTS` touches the ground; None to show none."""
 
 
 def skeleton_film(
@@ -62,10 +49,10 @@ def skeleton_film(
     Raises:
         ReportError: there are no actors or more than two, they differ in length, or a position is not finite.
     """
-    _check(actors, commands)
+    check_actors(actors, commands)
     shown = min(len(actors[0].positions), round(SECONDS * FRAME_RATE))
     paths = [_smooth(actor.positions[:shown, 0]) for actor in actors]
-    azimuth = _facing(actors[0].positions[0]) + _SIDEWAYS
+    azimuth = float(facing(actors[0].positions[0])) + _SIDEWAYS
     frames = []
     for index in range(0, shown, STRIDE):
         command = None if commands is None else commands[index]
@@ -79,38 +66,14 @@ def skeleton_film(
     return gif_panel(name, told + " right" * (len(actors) > 1), frames, STRIDE / FRAME_RATE)
 
 
-def _check(actors: Sequence[Actor], commands: Float[np.ndarray, "time 2"] | None) -> None:
-    lengths = {len(actor.positions) for actor in actors} | ({len(commands)} if commands is not None else set())
-    if len(actors) not in (1, 2) or len(lengths) != 1 or 0 in lengths:
-        message = (
-            f"a film of skeletons needs one or two actors and commands of one length, but has {len(actors)} actors and "
-            f"lengths {', '.join(str(length) for length in sorted(lengths))}"
-        )
-        raise ReportError(message)
-    for actor in actors:
-        if actor.positions.shape[1:] != (len(JOINTS), 3) or not np.isfinite(actor.positions).all():
-            message = (
-                f"'{actor.title}': expected finite positions of shape (time, {len(JOINTS)}, 3), but found shape "
-                f"{actor.positions.shape}, or a value that is not finite: end the film where the motion ends"
-            )
-            raise ReportError(message)
-
-
 def _side(camera: Camera, actor: Actor, index: int, command: Float[np.ndarray, 2] | None, colour: str) -> Image.Image:
     """Return the picture of one person, oversampled."""
     side = Image.new("RGB", (OVERSAMPLING * SIDE, OVERSAMPLING * HEIGHT), "#ffffff")
     brush = Brush(ImageDraw.Draw(side), (SIDE / 2, HEIGHT / 2))
-    draw_ground(brush, camera, actor.positions[: index + 1], _touching(actor, index), command)
-    draw_body(brush, camera, actor.positions[index].astype(np.float64), _touching(actor, index)[-1], colour)
+    touching = actor.touching()[: index + 1]
+    draw_ground(brush, camera, actor.positions[: index + 1], touching, command)
+    draw_body(brush, camera, actor.positions[index].astype(np.float64), touching[-1], colour)
     return side
-
-
-def _touching(actor: Actor, index: int) -> np.ndarray:
-    """Return which of `layout.CONTACTS` touch the ground, in each frame until `index`."""
-    if actor.contacts is None:
-        return np.zeros((index + 1, 4), dtype=np.bool_)
-    touching: np.ndarray = actor.contacts[: index + 1] > 0.5
-    return touching
 
 
 def _picture(
@@ -136,14 +99,8 @@ def _picture(
     if command is not None:
         asked = float(np.hypot(*command)) * FRAME_RATE / 100
         words = f"asked to go at {asked:.1f} m/s" if asked > 0.05 else "asked to stand"
-        brush.text((width - 2, below), words, ACCENTS[0], 12, anchor="rs")
+        brush.text((width - 2, below), words, ASKED, 12, anchor="rs")
     return picture
-
-
-def _facing(positions: Float[np.ndarray, "31 3"]) -> float:
-    """Return where a person faces, from z towards x, in rad."""
-    across = positions[JOINTS.index("LeftUpLeg")] - positions[JOINTS.index("RightUpLeg")]
-    return float(np.arctan2(-across[2], across[0]))
 
 
 def _smooth(path: Float[np.ndarray, "time 3"]) -> Float64[np.ndarray, "time 3"]:
