@@ -137,6 +137,7 @@ def test_what_cannot_be_shown_is_an_error_that_says_why(moving: Any) -> None:
         ([], "there are 0 actors"),
         ([Actor("ours", moving)] * 3, "there are 3 actors"),
         ([Actor("ours", moving), Actor("theirs", moving[:30])], "lengths 30, 60"),
+        ([Actor("ours", moving), Actor("ours", moving)], "both actors are called 'ours'"),
         ([Actor("ours", moving[:0])], "lengths 0"),
         ([Actor("ours", broken)], "'ours'.*not finite: show it until"),
         ([Actor("ours", moving[:, :20])], r"shape \(60, 20, 3\)"),

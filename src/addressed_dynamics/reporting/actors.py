@@ -45,7 +45,8 @@ def check_actors(actors: Sequence[Actor], commands: Float[np.ndarray, "time 2"] 
     """Check that one or two people, and what they are told, can be shown side by side.
 
     Raises:
-        ReportError: there are no actors or more than two, they differ in length, or a position is not finite.
+        ReportError: there are no actors or more than two, they differ in length or share a title, or a position is not
+            finite.
     """
     lengths = {len(actor.positions) for actor in actors} | ({len(commands)} if commands is not None else set())
     if len(actors) not in (1, 2) or len(lengths) != 1 or 0 in lengths:
@@ -53,6 +54,9 @@ def check_actors(actors: Sequence[Actor], commands: Float[np.ndarray, "time 2"] 
             f"motion is shown of one or two actors, with commands of the same length, but there are {len(actors)} "
             f"actors and lengths {', '.join(str(length) for length in sorted(lengths))}"
         )
+        raise ReportError(message)
+    if len({actor.title for actor in actors}) < len(actors):
+        message = f"both actors are called '{actors[0].title}': give each a title of its own"
         raise ReportError(message)
     for actor in actors:
         if actor.positions.shape[1:] != (len(JOINTS), 3) or not np.isfinite(actor.positions).all():

@@ -61,7 +61,8 @@ def write_scene(
             walk in each other.
 
     Raises:
-        ReportError: there are no actors or more than two, they differ in length, or a position is not finite.
+        ReportError: there are no actors or more than two, they differ in length or share a title, or a position is
+            not finite.
     """
     check_actors(actors, commands)
     people = [
@@ -71,7 +72,7 @@ def write_scene(
     scene, frames = message_class("SceneUpdate"), message_class("FrameTransforms")
     schema = schemas().SerializeToString(deterministic=True)
     with atomic_path(path) as temporary, temporary.open("wb") as file:
-        writer = Writer(file, compression=CompressionType.ZSTD)
+        writer = Writer(file, compression=CompressionType.ZSTD, use_summary_offsets=False)
         writer.start(library="addressed-dynamics")
         channels = [
             writer.register_channel(

@@ -47,7 +47,8 @@ def skeleton_film(
         A GIF that repeats, of the first `SECONDS`, and its last picture for readers who want no motion.
 
     Raises:
-        ReportError: there are no actors or more than two, they differ in length, or a position is not finite.
+        ReportError: there are no actors or more than two, they differ in length or share a title, or a position is
+            not finite.
     """
     check_actors(actors, commands)
     shown = min(len(actors[0].positions), round(SECONDS * FRAME_RATE))
