@@ -28,7 +28,7 @@ SIDE, HEIGHT, FOOT = 340, 264, 26
 _PALETTE = Palette((INK, *BODIES, ASKED, TOUCHED), flat=SHADES)
 _ELEVATION, _DISTANCE, _SCALE = np.radians(16.0), 900.0, 1.22
 _SIDEWAYS = np.radians(58.0)  # from where a person faces to where the camera is
-_MIDDLE = 74.0  # height in cm of what is in the middle of a picture
+_MIDDLE = 69.0  # height in cm of what is in the middle of a picture
 _SMOOTHING = 0.3 * FRAME_RATE  # frames
 
 
