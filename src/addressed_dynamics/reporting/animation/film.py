@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import io
-from itertools import pairwise
-
 import numpy as np
-from jaxtyping import Float, Int, UInt8
-from PIL import Image, ImageColor, ImageDraw
+from jaxtyping import Float, Int
+from PIL import Image, ImageDraw
 
 from addressed_dynamics.reporting.animation.brush import OVERSAMPLING, Brush
+from addressed_dynamics.reporting.animation.gif import Palette, gif_panel
 from addressed_dynamics.reporting.animation.scenes import BACK, FORE, SOFT, Scene
 from addressed_dynamics.reporting.blocks import Panel
 from addressed_dynamics.reporting.figures.style import INK, MEMBERS
@@ -24,9 +22,7 @@ HEAD, FOOT = 30, 8
 """Height of what is written above the pictures, and of what stays free below, in pixels."""
 
 _TRUTH, _MODEL = FORE, MEMBERS[0]
-_COLOURS = (INK, FORE, BACK, SOFT, *MEMBERS[:3])
-_SHADES = OVERSAMPLING**2
-_LEVELS = 32
+_PALETTE = Palette((INK, FORE, BACK, SOFT, *MEMBERS[:3]))
 
 
 def film(
@@ -66,14 +62,8 @@ def film(
         )
         for step in steps
     ]
-    # A GIF counts hundredths of a second: rounding each picture's end, not its duration, keeps the clock right.
-    ends = [10 * round(100 * stride * step_seconds * index) for index in range(len(frames) + 1)]
-    durations = [end - start for start, end in pairwise(ends)]
-    buffer, still = io.BytesIO(), io.BytesIO()
-    frames[0].save(buffer, "GIF", save_all=True, append_images=frames[1:], duration=durations, loop=0)
-    frames[-1].save(still, "PNG", optimize=True)
     alternative = f"Animation: {scene.title}{', ' * bool(title)}{title}; left as it was, right as the model has it"
-    return Panel(name, alternative, buffer.getvalue(), *frames[0].size, format="gif", still=still.getvalue())
+    return gif_panel(name, alternative, frames, stride * step_seconds)
 
 
 def _ground(scene: Scene, title: str) -> Image.Image:
@@ -109,40 +99,9 @@ def _frame(
     head = Brush(canvas, (0, 0))
     head.text((SIDE - 2, -17), f"{seconds:.2f} s", INK, 12, anchor="rs")
     head.text((2 * SIDE + GAP - 2, -17), scene.error(true, predicted), INK, 12, anchor="rs")
-    return _with_palette(picture.reduce(OVERSAMPLING))
+    return _PALETTE.reduced(picture)
 
 
 def _side(scene: Scene, canvas: ImageDraw.ImageDraw, left: int) -> Brush:
     x, y = scene.origin
     return Brush(canvas, (left + x, HEAD + y), scene.scale)
-
-
-def _with_palette(picture: Image.Image) -> Image.Image:
-    """Return a picture in the colours of the film, the nearest ones."""
-    rgb = np.asarray(picture) // (256 // _LEVELS)
-    red, green, blue = (rgb[..., channel].astype(np.intp) for channel in range(3))
-    indexed = Image.fromarray(_NEAREST[(red * _LEVELS + green) * _LEVELS + blue], mode="P")
-    indexed.putpalette(_PALETTE.tobytes())
-    return indexed
-
-
-def _palette() -> UInt8[np.ndarray, "colour 3"]:
-    """Return white, and each colour in shades towards white: what smooth edges on white consist of."""
-    colours = np.array([ImageColor.getrgb(colour) for colour in _COLOURS], dtype=np.float64)
-    share = np.arange(1, _SHADES + 1)[:, None, None] / _SHADES
-    shades = 255 + share * (colours - 255)
-    return np.concatenate([[[255.0] * 3], shades.reshape(-1, 3)]).round().astype(np.uint8)
-
-
-def _nearest() -> UInt8[np.ndarray, " cell"]:
-    """Return the index of the palette's nearest colour for each cell of a coarse grid over all colours."""
-    levels = np.linspace(0, 255, _LEVELS)  # white must stay white
-    cells = np.stack(np.meshgrid(levels, levels, levels, indexing="ij"), axis=-1).reshape(-1, 3)
-    # |cell - colour|² without |cell|², which all colours share
-    distances = (_PALETTE.astype(np.float64) ** 2).sum(axis=1) - 2 * cells @ _PALETTE.T.astype(np.float64)
-    nearest: UInt8[np.ndarray, " cell"] = distances.argmin(axis=1).astype(np.uint8)
-    return nearest
-
-
-_PALETTE = _palette()
-_NEAREST = _nearest()
