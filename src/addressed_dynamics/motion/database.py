@@ -6,6 +6,7 @@ deflated, so each has a stream of its own, and all of them advance together.
 
 from __future__ import annotations
 
+import struct
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -27,7 +28,16 @@ META_COLUMNS = ("clip", "frame", "cycle", "patch")
 """Columns of the array `meta`, where a database has one."""
 CLIPS = "clips"
 """The array of the names of clips that `meta` counts."""
-DAMAGE = (zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError, RuntimeError, NotImplementedError)
+DAMAGE = (
+    zipfile.BadZipFile,
+    zlib.error,
+    struct.error,
+    EOFError,
+    OSError,
+    ValueError,
+    RuntimeError,
+    NotImplementedError,
+)
 """What zipfile and NumPy raise at archives and arrays that are damaged, encrypted or compressed in another way."""
 
 
@@ -108,14 +118,15 @@ class Database:
         """Open the arrays in `archive` and check their headers."""
         self.path = path
         self._members = {name: _Member(path, archive, name, stack) for name in LAYOUTS}
-        self.rows = self._members["Pun"].shape[0] if self._members["Pun"].shape else 0
+        phase = self._members["Pun"]
+        if len(phase.shape) != 1 or not phase.shape[0]:
+            phase.fail(f"expected one phase for each row, found an array of shape {phase.shape}")
+        self.rows = phase.shape[0]
         """Number of rows."""
         self.row = 0
         """The row that is read next."""
         for name, layout in LAYOUTS.items():
             _check_floats(self._members[name], (self.rows, layout.width) if layout else (self.rows,))
-        if not self.rows:
-            self._members["Pun"].fail("holds no rows")
         self.clips: tuple[str, ...] | None = None
         """Names of the clips; None if the database does not say which rows are of which."""
         if f"{META}.npy" in archive.namelist():

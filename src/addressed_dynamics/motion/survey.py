@@ -26,6 +26,7 @@ BLOCK_ROWS = 2**13
 """Rows that are in memory at once."""
 MAX_CYCLE_ROWS = 2**16
 """A cycle of more rows, eighteen minutes, is none: the phase never came back to 0."""
+HIPS_RISE = OUTPUT.names.index("joint_velocity.Hips.y")
 FRAME = META_COLUMNS.index("frame")
 COPY = [column for column in range(len(META_COLUMNS)) if column != FRAME]
 """Columns of `meta` that tell one copy of a cycle from another."""
@@ -121,7 +122,7 @@ def _row_facts(path: Path, previous: Block | None, block: Block, row: int) -> _R
         motion=motion,
         cyclic=cyclic,
         whole=cyclic ^ terrain_fingerprints(block.x, block.y),
-        hips_rise=block.y[:, OUTPUT.joint_velocity][:, 1].copy(),
+        hips_rise=block.y[:, HIPS_RISE].copy(),
         meta=np.empty((0, len(META_COLUMNS)), np.int64) if block.meta is None else block.meta[starts],
     )
 

@@ -107,8 +107,9 @@ def stream_tables(folder: Path, split: MotionSplit | None = None) -> Iterator[Mo
     """
     for path in motion_files(folder):
         for table in _row_groups(path, None):
-            motion = _motion(table, path)
-            yield motion if split is None else motion.select(_texts(table, "split") == split)
+            rows = np.arange(table.num_rows) if split is None else np.flatnonzero(_texts(table, "split") == split)
+            if len(rows):
+                yield _motion(table, path).select(rows)
 
 
 def read_columns(path: Path, names: Sequence[str]) -> dict[str, np.ndarray[Any, Any]]:
@@ -121,7 +122,7 @@ def read_columns(path: Path, names: Sequence[str]) -> dict[str, np.ndarray[Any, 
     for file in motion_files(path) if path.is_dir() else [path]:
         for table in _row_groups(file, names):
             for name in names:
-                is_text = pa.types.is_dictionary(SCHEMA.field(name).type)
+                is_text = pa.types.is_dictionary(TYPES[name])
                 parts[name].append(_texts(table, name) if is_text else table.column(name).to_numpy())
     return {name: np.concatenate(arrays) if arrays else np.empty(0) for name, arrays in parts.items()}
 
@@ -150,6 +151,7 @@ def _schema() -> pa.Schema:
 
 SCHEMA = _schema()
 """Columns of a table of motion, with the layout in its metadata."""
+TYPES = dict(zip(SCHEMA.names, SCHEMA.types, strict=True))
 
 
 def _open_writer(path: Path) -> pq.ParquetWriter:
@@ -222,11 +224,12 @@ def _check_metadata(found: pa.Schema, path: Path) -> None:
 
 
 def _check_columns(found: pa.Schema, names: Sequence[str], path: Path) -> None:
+    types = dict(zip(found.names, found.types, strict=True))
     for name in names:
-        if name not in SCHEMA.names:
+        if name not in TYPES:
             message = f"{path}: a table of motion has no column '{name}'; for instance, it has '{INPUTS[0]}'"
             raise TableError(message)
-        expected, kind = SCHEMA.field(name).type, found.field(name).type if name in found.names else None
+        expected, kind = TYPES[name], types.get(name)
         # Parquet keeps the strings of a dictionary, not the width of its indices.
         is_label = pa.types.is_dictionary(expected) and kind is not None and pa.types.is_dictionary(kind)
         if kind != expected and not is_label:
@@ -236,17 +239,15 @@ def _check_columns(found: pa.Schema, names: Sequence[str], path: Path) -> None:
 
 
 def _check_values(table: pa.Table, path: Path) -> None:
-    for name in table.schema.names:
-        if missing := table.column(name).null_count:
+    for name, column in zip(table.column_names, table.columns, strict=True):
+        if missing := column.null_count:
             message = f"{path}: column '{name}' lacks {missing} values; run the convert stage again"
             raise TableError(message)
-    if "split" in table.schema.names:
+    if "split" in table.column_names:
         unknown = sorted(set(table.column("split").unique().to_pylist()) - set(MOTION_SPLITS))
         if unknown:
-            message = (
-                f"{path}: expected the splits {', '.join(MOTION_SPLITS)}, found '{unknown[0]}'; "
-                "run the convert stage again"
-            )
+            expected = ", ".join(MOTION_SPLITS)
+            message = f"{path}: expected the splits {expected}, found '{unknown[0]}'; run the convert stage again"
             raise TableError(message)
 
 
