@@ -19,8 +19,8 @@ CYCLE = 45
 """Rows of a made-up cycle."""
 CYCLES = 400
 """Cycles of a made-up clip, which is five minutes long."""
-PATCHES = {"flat": 10, "distinct": 1}
-"""Copies of each cycle: like flat clips, which are ten exact copies, or none, where every row has to be written."""
+COPIES = (10, 1)
+"""How often each cycle occurs: ten times, like those of flat clips, or once, where every row has to be written."""
 MIB = 2**20
 
 
@@ -87,17 +87,17 @@ def step(*arguments: str) -> list[float]:
     return [float(number) for number in done.stdout.split()]
 
 
-def main(rows: int) -> None:
+def main(rows: int, copies: list[int]) -> None:
     """Print the peaks."""
     results = []
-    for name, patches in PATCHES.items():
+    for patches in copies:
         with tempfile.TemporaryDirectory() as temporary:
             folder = Path(temporary)
             make(folder / "database.npz", rows, patches)
             size = (folder / "database.npz").stat().st_size / MIB
             before, peak, seconds = step("--convert", temporary)
             results.append([
-                f"convert {rows:,} rows, {patches} of each cycle ({name})", f"{before:.0f} MiB", f"{peak:.0f} MiB",
+                f"convert {rows:,} rows, {patches} of each cycle", f"{before:.0f} MiB", f"{peak:.0f} MiB",
                 f"{rows / seconds:,.0f} rows/s", f"the database has {size:,.0f} MiB; target: < 1,500 MB",
             ])  # fmt: skip
     print_table(["", "before", "peak", "speed", ""], results)
@@ -106,9 +106,10 @@ def main(rows: int) -> None:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rows", type=int, default=200_000, help="rows of the made-up database")
+    parser.add_argument("--copies", type=int, nargs="+", default=COPIES, help="how often each cycle occurs in it")
     parser.add_argument("--convert", type=Path, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.convert:
         convert(arguments.convert)
     else:
-        main(arguments.rows)
+        main(arguments.rows, arguments.copies)

@@ -175,3 +175,11 @@ def test_an_array_with_fewer_rows_than_it_says_is_an_error(tmp_path: Path) -> No
     (tmp_path / "d.npz").write_bytes(content.replace(b"(17, 311)", b"(19, 311)"))
     with pytest.raises(MotionError, match=r"Yun: is cut short or damaged: expected 23,636 bytes .* found 21,148"):
         read_all(tmp_path / "d.npz")
+
+
+@pytest.mark.parametrize(("old", "new"), [(b"'shape': (17, 311)", b"'shape': ((7, 311)"), (b"'descr'", b"'descx'")])
+def test_a_damaged_header_is_an_error(tmp_path: Path, old: bytes, new: bytes) -> None:
+    save_database(tmp_path / "d.npz", MOTION)
+    (tmp_path / "d.npz").write_bytes((tmp_path / "d.npz").read_bytes().replace(old, new))
+    with pytest.raises(MotionError, match=r"expected an array as numpy\.savez writes it, but it cannot be read"):
+        read_all(tmp_path / "d.npz")

@@ -84,7 +84,7 @@ def test_the_report_finds_constant_columns_and_jumps_between_rows(tmp_path: Path
     }  # fmt: skip
     jumps = quality["greatest_jump_inside_cycles"]
     assert jumps["joint_velocity"] == {"value": pytest.approx(1.5), "unit": "cm/frame"}
-    assert jumps["joint_position"] == {"value": 0.0, "unit": "cm"}
+    assert jumps["joint_position_x"] == {"value": 0.0, "unit": "cm"}
     assert jumps["trajectory_position_x"]["value"] > 0.1  # the made-up trajectories are noise
 
 

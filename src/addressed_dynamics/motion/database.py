@@ -7,6 +7,7 @@ deflated, so each has a stream of its own, and all of them advance together.
 from __future__ import annotations
 
 import struct
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -32,11 +33,12 @@ DAMAGE = (
     zipfile.BadZipFile,
     zlib.error,
     struct.error,
+    tokenize.TokenError,
+    SyntaxError,
     EOFError,
     OSError,
     ValueError,
     RuntimeError,
-    NotImplementedError,
 )
 """What zipfile and NumPy raise at archives and arrays that are damaged, encrypted or compressed in another way."""
 

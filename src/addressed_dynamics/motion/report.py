@@ -9,15 +9,29 @@ import numpy as np
 from jaxtyping import Int8, Int64
 
 from addressed_dynamics.motion.cycles import Cycle, Survey
-from addressed_dynamics.motion.fingerprints import VERTICAL
 from addressed_dynamics.motion.frames import Motion
-from addressed_dynamics.motion.layout import AXES, FRAME_RATE, GAITS, INPUT, INPUT_HEIGHTS, NOW, OUTPUT
+from addressed_dynamics.motion.layout import AXES, FRAME_RATE, GAITS, INPUT, INPUT_HEIGHTS, NOW, OUTPUT, Layout
 from addressed_dynamics.motion.splits import MOTION_SPLITS, TRAIN
 from addressed_dynamics.motion.tables import INPUTS, OUTPUTS
 from addressed_dynamics.tables.statistics import Moments, Sample
 
 CHUNK = 2**11
 """Rows that are summarised at once, in float64."""
+
+
+def _axis(layout: Layout, axis: str) -> slice:
+    """Return the columns of the positions of all joints along an axis."""
+    joints = layout.joint_position
+    return slice(joints.start + AXES.index(axis), joints.stop, len(AXES))
+
+
+TRAJECTORY = ("trajectory_position_x", "trajectory_position_z", "trajectory_direction_x", "trajectory_direction_z")
+SAME_QUANTITIES: dict[str, tuple[slice, slice]] = {
+    **{f"joint_position_{axis}": (_axis(OUTPUT, axis), _axis(INPUT, axis)) for axis in AXES},
+    "joint_velocity": (OUTPUT.joint_velocity, INPUT.joint_velocity),
+    **{name: (OUTPUT[name], slice(INPUT[name].start + NOW, INPUT[name].stop)) for name in TRAJECTORY},
+}
+"""Columns of an output, and those of the input of the next frame that mean the same."""
 ROUNDING = 1e-6
 """A column that varies by no more is constant: heights of flat terrain vary by 1e-15 cm."""
 SPEEDS = (0.05, 0.5, 0.95)
@@ -73,10 +87,11 @@ class Figures:
     def _add_jumps(self, motion: Motion) -> None:
         """Compare the outputs of each row with the inputs of the next one of the same cycle."""
         same = (motion.clip[1:] == motion.clip[:-1]) & (motion.cycle[1:] == motion.cycle[:-1])
-        rows = np.flatnonzero(same & (np.diff(motion.frame) == 1))
-        for name, (answers, inputs) in _same_quantities().items():
-            difference = np.abs(motion.y[rows][:, answers] - motion.x[rows + 1][:, inputs]).max(initial=0.0)
-            self.jumps[name] = max(self.jumps.get(name, 0.0), float(difference))
+        follows = (same & (np.diff(motion.frame) == 1))[:, None]
+        for name, (answers, inputs) in SAME_QUANTITIES.items():
+            difference = np.abs(motion.y[:-1, answers] - motion.x[1:, inputs])
+            greatest = float(difference.max(initial=0.0, where=follows))
+            self.jumps[name] = max(self.jumps.get(name, 0.0), greatest)
 
 
 def motion_report(survey: Survey, figures: Figures) -> dict[str, Any]:
@@ -125,28 +140,15 @@ def _quality(figures: Figures) -> dict[str, Any]:
     return {
         "constant_columns": names[constant].tolist(),
         "flat_terrain": bool((constant & (abs(figures.all.maximum) <= ROUNDING))[INPUT_HEIGHTS].all()),
-        # Outputs are the inputs of the next frame. Where the terrain is not flat, only heights of joints may differ.
+        # Outputs are the inputs of the next frame. Only `joint_position_y` may differ, on hills.
         "greatest_jump_inside_cycles": {
             name: {"value": value, "unit": _unit(name)} for name, value in figures.jumps.items()
         },
     }
 
 
-def _same_quantities() -> dict[str, tuple[Int64[np.ndarray, " column"], Int64[np.ndarray, " column"]]]:
-    """Return the columns of an output, and those of the next input that mean the same."""
-    x, y = np.arange(INPUT.width), np.arange(OUTPUT.width)
-    across = np.flatnonzero(np.arange(len(x[INPUT.joint_position])) % len(AXES) != AXES.index("y"))
-    trajectory = ("trajectory_position_x", "trajectory_position_z", "trajectory_direction_x", "trajectory_direction_z")
-    return {
-        "joint_position": (y[OUTPUT.joint_position][across], x[INPUT.joint_position][across]),
-        "joint_height": (y[OUTPUT.joint_position][VERTICAL], x[INPUT.joint_position][VERTICAL]),
-        "joint_velocity": (y[OUTPUT.joint_velocity], x[INPUT.joint_velocity]),
-        **{name: (y[OUTPUT[name]], x[INPUT[name]][NOW:]) for name in trajectory},
-    }
-
-
 def _unit(quantity: str) -> str:
-    return next((block.unit for block in OUTPUT.blocks if block.name == quantity), "cm")
+    return next(block.unit for block in OUTPUT.blocks if quantity.startswith(block.name))
 
 
 def _seconds(cycles: Sequence[Cycle]) -> float:

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
-from jaxtyping import Float64, Int8
+from jaxtyping import Float64, Int8, Int64
 
 from addressed_dynamics.errors import MotionError
 from addressed_dynamics.motion.cycles import Cycle, Survey, cycle_starts
@@ -57,7 +57,7 @@ class SplitPlan:
             clip, rows = str(motion.clip[start]), slice(start, stop)
             group = self.groups[clip]
             splits[rows] = self.frames[group][motion.frame[rows]]
-            drawn = _row_places(clip, motion.select(rows), self.seed) < self.rows_share
+            drawn = _row_places(clip, motion.cycle[rows], motion.frame[rows], self.seed) < self.rows_share
             splits[rows][drawn & (splits[rows] == TRAIN)] = ROWS
         return splits
 
@@ -141,10 +141,12 @@ def _place(text: str) -> float:
     return (int.from_bytes(hashlib.blake2b(text.encode(), digest_size=8).digest()) >> 11) / 2**53
 
 
-def _row_places(clip: str, motion: Motion, seed: int) -> Float64[np.ndarray, " row"]:
+def _row_places(
+    clip: str, cycle: Int64[np.ndarray, " row"], frame: Int64[np.ndarray, " row"], seed: int
+) -> Float64[np.ndarray, " row"]:
     """Return a number in [0, 1) for each row: a stable hash of its clip, cycle and frame."""
-    place = np.full(len(motion), _place(f"{seed}:rows:{clip}"))
-    places: Float64[np.ndarray, " row"] = (row_fingerprints(place, motion.cycle, motion.frame) >> np.uint64(11)).astype(
+    place = np.full(len(frame), _place(f"{seed}:rows:{clip}"))
+    places: Float64[np.ndarray, " row"] = (row_fingerprints(place, cycle, frame) >> np.uint64(11)).astype(
         np.float64
     ) / 2**53
     return places
