@@ -4,16 +4,27 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from addressed_dynamics.models.addressed import AddressedDynamics
+    from addressed_dynamics.motion.frames import Motion
+    from addressed_dynamics.motion.source import read_motion
     from addressed_dynamics.recording.recorder import TransitionRecorder
     from addressed_dynamics.sources import read_transitions
     from addressed_dynamics.training.clustering import assign_to_bins
 
-__all__ = ["AddressedDynamics", "TransitionRecorder", "assign_to_bins", "read_transitions"]
+__all__ = [
+    "AddressedDynamics",
+    "Motion",
+    "TransitionRecorder",
+    "assign_to_bins",
+    "read_motion",
+    "read_transitions",
+]
 
 _HOMES = {
     "AddressedDynamics": "addressed_dynamics.models.addressed",
+    "Motion": "addressed_dynamics.motion.frames",
     "TransitionRecorder": "addressed_dynamics.recording.recorder",
     "assign_to_bins": "addressed_dynamics.training.clustering",
+    "read_motion": "addressed_dynamics.motion.source",
     "read_transitions": "addressed_dynamics.sources",
 }
 

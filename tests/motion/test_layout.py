@@ -51,3 +51,8 @@ def test_broken_motion_is_refused(change: dict[str, np.ndarray], problem: str) -
     assert len(Motion(**whole).select(np.array([True, False, True]))) == 2
     with pytest.raises(MotionError, match=problem):
         Motion(**{**whole, **change})
+
+
+def test_a_motion_may_be_empty() -> None:
+    shapes = {"x": (0, 342), "y": (0, 311), "phase": (0,), "clip": (0,), "frame": (0,), "cycle": (0,)}
+    assert len(Motion(**{name: np.empty(shape) for name, shape in shapes.items()})) == 0

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from addressed_dynamics.errors import MotionError
-from addressed_dynamics.motion.cycles import Cycle
+from addressed_dynamics.motion.footsteps import Cycle
 from addressed_dynamics.motion.kinematics import Poses
 from addressed_dynamics.motion.layout import JOINTS, OFFSETS
 from addressed_dynamics.motion.terrain import FEET, HeightMap, flat_ground, mapped_ground, read_height_map, standing

@@ -10,7 +10,6 @@ from jaxtyping import Float64
 
 from addressed_dynamics.errors import MotionError
 from addressed_dynamics.motion.bvh import Bvh, read_bvh
-from addressed_dynamics.motion.cycles import parse_cycles, rows_of, within
 from addressed_dynamics.motion.extraction import (
     GAIT_LABELS,
     crouch_by_height,
@@ -19,6 +18,7 @@ from addressed_dynamics.motion.extraction import (
     fold_gaits,
     row_phases,
 )
+from addressed_dynamics.motion.footsteps import parse_cycles, rows_of, within
 from addressed_dynamics.motion.frames import Motion
 from addressed_dynamics.motion.kinematics import Poses, facing, forward_kinematics, joint_rotations
 from addressed_dynamics.motion.layout import FRAME_RATE, JOINTS, PARENTS

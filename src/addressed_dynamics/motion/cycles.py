@@ -1,98 +1,69 @@
-"""Gait cycles of a clip: from one footstep to the next of the same foot."""
+"""Gait cycles of clips: where they lie in a source of motion, and what a survey of the source finds."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from itertools import pairwise
-from pathlib import Path
+from typing import Literal
 
 import numpy as np
-from jaxtyping import Bool, Int64
+from jaxtyping import Int64
 
-from addressed_dynamics.errors import MotionError
-from addressed_dynamics.motion.layout import OFFSETS
+from addressed_dynamics.motion.frames import Motion
 
-REACH = -OFFSETS[0]
-"""Frames that a cycle needs before its first frame, for the trajectory that was, and one more than it needs after."""
+MIRROR = "_mirror"
+"""End of the name of a clip whose left and right are exchanged."""
+
+Boundaries = Literal["meta", "phase", "files"]
+"""How clips were told apart: by what the database says, by the phase alone, or by their files."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Cycle:
-    """A gait cycle."""
+    """A gait cycle: consecutive rows of a source."""
 
-    index: int
-    """Number of the cycle in the clip, from 0; cycles that are left out count."""
-    first: int
-    """Its first frame, at 60 Hz."""
-    last: int
-    """Its last frame, which is the first of the next cycle."""
+    row: int
+    """Its first row in the source, counting those that are not kept."""
+    rows: int
+    """Number of rows."""
+    clip: str
+    """Name of its clip; `clip_0000` … where the database does not name them."""
+    cycle: int
+    """Number in the clip."""
+    frame: int
+    """Frame of its first row in the clip, at 60 Hz."""
 
 
 @dataclass(frozen=True)
-class Rows:
-    """The frames of several cycles, one row a frame."""
+class Survey:
+    """What a source of motion holds, found by reading it once."""
 
-    frame: Int64[np.ndarray, " row"]
-    """Frame in the clip, at 60 Hz."""
-    cycle: Int64[np.ndarray, " row"]
-    """Number of its cycle in the clip."""
-    first: Bool[np.ndarray, " row"]
-    """Whether it is the first frame of its cycle."""
-    last: Bool[np.ndarray, " row"]
-    """Whether it is the last."""
+    rows: int
+    """Rows in the source."""
+    cycles: tuple[Cycle, ...]
+    """The cycles that are kept, in the order of their rows: each once, on the first patch of terrain."""
+    exact_duplicates: int
+    """Rows that are equal, in every bit, to a row before them."""
+    other_patches: int
+    """Rows that are not kept because they repeat a kept one on other terrain."""
+    boundaries: Boundaries
+    """How clips were told apart."""
+    groups: Mapping[str, str]
+    """The group of each clip; clips that mirror each other, or show parts of one performance, are in one group.
+    Their frames count alike: equal frames of two clips of a group are the same moment."""
 
-
-def parse_cycles(path: Path, lines: list[str], step: int) -> list[Cycle]:
-    """Return the cycles that a `_footsteps.txt` file describes, without those that it leaves out.
-
-    A line holds two frame numbers; a cycle goes from the first number of a line to the first of the next one. It is
-    left out where one of the two lines ends in `*` or is blank, or where the second has one number only, as it stands
-    at the end of some files.
-
-    Args:
-        path: the file, for errors.
-        lines: its lines.
-        step: frames of the clip to one at 60 Hz; the file counts frames of the clip.
-
-    Raises:
-        MotionError: a line begins with something else than a number, or numbers do not ascend.
-    """
-    cycles = []
-    for index, (line, following) in enumerate(pairwise(lines)):
-        words, next_words = line.split(), following.split()
-        marked = any(each and each[-1].endswith("*") for each in (words, next_words))
-        if marked or not words or len(next_words) < 2:
-            continue
-        first, last = _number(path, index + 1, words[0]) // step, _number(path, index + 2, next_words[0]) // step
-        if first >= last:
-            message = f"{path}, line {index + 2}: expected a frame after {words[0]}, but found {next_words[0]}"
-            raise MotionError(message)
-        cycles.append(Cycle(index, first, last))
-    return cycles
+    @property
+    def kept_rows(self) -> int:
+        """Number of rows that are kept."""
+        return sum(cycle.rows for cycle in self.cycles)
 
 
-def within(cycles: list[Cycle], frames: int) -> list[Cycle]:
-    """Return the cycles around which a clip of `frames` frames has all that inputs and outputs look at."""
-    return [cycle for cycle in cycles if cycle.first >= REACH and cycle.last < frames - REACH - 1]
+def cycle_starts(motion: Motion) -> Int64[np.ndarray, " cycle"]:
+    """Return the rows of `motion` where a cycle begins."""
+    new = (motion.clip[1:] != motion.clip[:-1]) | (motion.cycle[1:] != motion.cycle[:-1])
+    return np.flatnonzero(np.concatenate([[len(motion) > 0], new])[: len(motion)])
 
 
-def rows_of(cycles: list[Cycle]) -> Rows:
-    """Return all frames of `cycles`, both ends included."""
-    lengths = [cycle.last + 1 - cycle.first for cycle in cycles]
-    ends = np.cumsum(lengths, dtype=np.int64)
-    frame = np.concatenate([np.empty(0, np.int64), *(np.arange(each.first, each.last + 1) for each in cycles)])
-    row = np.arange(len(frame))
-    return Rows(
-        frame=frame,
-        cycle=np.repeat(np.array([cycle.index for cycle in cycles], np.int64), lengths),
-        first=np.isin(row, ends - lengths),
-        last=np.isin(row, ends - 1),
-    )
-
-
-def _number(path: Path, line: int, word: str) -> int:
-    try:
-        return int(word)
-    except ValueError:
-        message = f"{path}, line {line}: expected the number of a frame, but found '{word[:40]}'"
-        raise MotionError(message) from None
+def mirror_groups(clips: Iterable[str]) -> dict[str, str]:
+    """Return the group of each clip, where the name of a mirrored clip ends in `_mirror`."""
+    return {clip: clip.removesuffix(MIRROR) for clip in clips}

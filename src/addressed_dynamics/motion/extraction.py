@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float32, Float64, Int64
 
-from addressed_dynamics.motion.cycles import Rows
+from addressed_dynamics.motion.footsteps import Rows
 from addressed_dynamics.motion.kinematics import UP, Poses, in_root
 from addressed_dynamics.motion.layout import FUTURE_OFFSETS, GAITS, INPUT, INPUT_HEIGHTS, JOINTS, OFFSETS, OUTPUT
 from addressed_dynamics.motion.quaternions import between, logarithm, multiply

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 from addressed_dynamics.errors import MotionError
-from addressed_dynamics.motion.cycles import REACH, Cycle
+from addressed_dynamics.motion.footsteps import REACH, Cycle
 from addressed_dynamics.motion.kinematics import Poses
 from addressed_dynamics.motion.layout import JOINTS, OFFSETS
 from addressed_dynamics.motion.text import parse_table, read_lines

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from addressed_dynamics.errors import MotionError
-from addressed_dynamics.motion.cycles import Cycle, parse_cycles, rows_of, within
+from addressed_dynamics.motion.footsteps import Cycle, parse_cycles, rows_of, within
 
 FILE = Path("clip_footsteps.txt")
 

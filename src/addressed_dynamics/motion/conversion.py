@@ -1,0 +1,54 @@
+"""From a database or a folder of clips to Parquet tables with splits, statistics and a data report.
+
+The source is read twice: first for its clips, cycles and copies, because what is held out depends on all of them; then
+to be written. Never more than a block of rows of it is in memory.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from addressed_dynamics.errors import MotionError
+from addressed_dynamics.files import atomic_path, write_json
+from addressed_dynamics.motion.report import Figures, motion_report
+from addressed_dynamics.motion.source import stream_motion, survey_motion
+from addressed_dynamics.motion.splits import MOTION_SPLITS, TRAIN, plan_splits
+from addressed_dynamics.motion.tables import FOLDER, INPUTS, OUTPUTS, motion_writer
+from addressed_dynamics.params_motion import MotionConvertParams
+from addressed_dynamics.tables.statistics import moments_to_json
+
+
+def convert_motion(
+    source: Path, tables: Path, reports: Path, params: MotionConvertParams, progress: Callable[[int], object]
+) -> None:
+    """Convert the database or the folder of clips `source`; the same motion gives the same bytes.
+
+    Args:
+        source: `database.npz`, or a folder of clips.
+        tables: folder for `motion/*.parquet` and `statistics.json`; replaced whole, at the end.
+        reports: folder for `data.json`.
+        params: what is held out, and the size of row groups.
+        progress: called with the number of rows written since its last call.
+
+    Raises:
+        MotionError: the source is missing or damaged, or nothing is left to train on.
+    """
+    survey = survey_motion(source)
+    plan = plan_splits(survey, params)
+    figures = Figures()
+    with atomic_path(tables) as folder:
+        with motion_writer(folder / FOLDER, row_group_rows=params.row_group_rows) as write:
+            for motion in stream_motion(source, survey, rows=params.row_group_rows):
+                split = plan.of(motion)
+                write(motion, split)
+                figures.add(motion, split)
+                progress(len(motion))
+        if not figures.train.count:
+            clips = len(survey.groups)
+            message = f"{source}: none of its {clips} clips is left to train on; give more clips, or hold out less"
+            raise MotionError(message)
+        sizes = {name: int(rows) for name, rows in zip(MOTION_SPLITS, figures.split_rows, strict=True)}
+        statistics = {"splits": sizes, MOTION_SPLITS[TRAIN]: moments_to_json([*INPUTS, *OUTPUTS], figures.train)}
+        write_json(folder / "statistics.json", statistics)
+        write_json(reports / "data.json", motion_report(survey, figures))
