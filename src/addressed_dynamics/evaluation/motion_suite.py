@@ -1,0 +1,192 @@
+"""The whole evaluation of a motion experiment: numbers for the report's tables, arrays for its figures."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from statistics import mean
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float64, Int64
+
+from addressed_dynamics.evaluation.closed_loop.commands import Script, standard_script, validation_scripts
+from addressed_dynamics.evaluation.closed_loop.judging import courses, judge
+from addressed_dynamics.evaluation.closed_loop.measures import MotionReference, data_reference
+from addressed_dynamics.evaluation.closed_loop.run import Trace, closed_loop, start_pose
+from addressed_dynamics.evaluation.closed_loop.score import closed_loop_score
+from addressed_dynamics.evaluation.ground import current_gait
+from addressed_dynamics.evaluation.motion_candidates import ENSEMBLE, MotionCandidate
+from addressed_dynamics.evaluation.motion_one_step import block_deviation, one_step_errors
+from addressed_dynamics.evaluation.phase_use import phase_use
+from addressed_dynamics.evaluation.specialisation import specialisation
+from addressed_dynamics.models.addressed import MODES
+from addressed_dynamics.models.motion import MotionModel
+from addressed_dynamics.motion.frames import Motion
+from addressed_dynamics.motion.layout import JOINTS, OUTPUT
+
+SHOWN_JOINTS = ("Hips", "Head")
+"""Joints whose predicted path is shown: those of the paper's Fig. 7."""
+SHOWN_STEPS = 1000
+"""Frames of that figure, if the held-out clips have as many."""
+
+
+@dataclass(frozen=True)
+class MotionData:
+    """The frames of an experiment, by what they are for."""
+
+    train: Motion
+    validation: Motion
+    held_out: Mapping[str, Motion]
+    """Frames that no model was trained on, by the name of their split: `test` (whole clips), `cycles`, `rows`."""
+
+
+@dataclass(frozen=True)
+class ClosedLoopPlan:
+    """What closed loops are asked to do."""
+
+    validation_seed: int
+    """Seed of the scripts by which the mode is chosen."""
+    validation_scripts: int
+    validation_seconds: float
+    test: Script
+    """The script on which everything is judged."""
+
+    @property
+    def for_choosing(self) -> tuple[Script, ...]:
+        """The scripts by which the mode is chosen."""
+        return validation_scripts(self.validation_seed, self.validation_scripts, self.validation_seconds)
+
+
+def standard_plan(seed: int, scripts: int, seconds: float) -> ClosedLoopPlan:
+    """Return the plan that is judged on the standard script."""
+    return ClosedLoopPlan(seed, scripts, seconds, standard_script())
+
+
+def evaluate_motion(
+    candidates: Sequence[MotionCandidate], data: MotionData, plan: ClosedLoopPlan
+) -> tuple[dict[str, Any], dict[str, Trace]]:
+    """Measure all candidates one step ahead and in the closed loop.
+
+    The mode in which the ensemble is delivered has the highest mean score over its seeds on the validation scripts; the
+    test script and the held-out frames have no part in that.
+
+    Returns:
+        `candidates` by name, `mode` and `reference`, JSON-compatible; and the traces under the test script.
+
+    Raises:
+        EvaluationError: a split is empty, or a prediction is not finite.
+    """
+    reference = data_reference(data.train)
+    deviation = block_deviation(data.train.y)
+    start = start_pose(data.train)
+    predictors = {each.name: each.predictor for each in candidates}
+    traces = closed_loop(predictors, [plan.test], start)
+    chosen_by = closed_loop(predictors, plan.for_choosing, start)
+    results = {}
+    for each in candidates:
+        results[each.name] = {
+            "group": each.group,
+            "seed": each.seed,
+            "label": each.label,
+            "parameters": each.parameters,
+            "one_step": {
+                split: asdict(one_step_errors(each.predictor, motion, deviation))
+                for split, motion in data.held_out.items()
+            },
+            "closed_loop": _judged(traces[each.name], chosen_by[each.name], reference),
+        }
+    report = {"candidates": results, "mode": best_mode(results), "reference": asdict(reference)}
+    return report, traces
+
+
+def best_mode(results: Mapping[str, Mapping[str, Any]]) -> str:
+    """Return the mode in which the ensemble does best on the validation scripts, on average over its seeds."""
+
+    def score(mode: str) -> float:
+        own = [each for each in results.values() if each["group"] == f"{ENSEMBLE}/{mode}"]
+        return mean(each["closed_loop"]["validation_score"] for each in own)
+
+    return max(MODES, key=score)
+
+
+def evaluate_motion_addressing(model: MotionModel, motion: Motion, loss: str) -> dict[str, Any]:
+    """Return how an ensemble divides frames among its members, and whether that follows the phase, which it never sees.
+
+    Returns:
+        `specialisation`, as for environments but for losses of normalised targets, and `phase_use`, for all gaits and
+        for each.
+    """
+    x, y = torch.from_numpy(motion.x), torch.from_numpy(motion.y)
+    target = model.features.encode_target(x, y)
+    outputs = torch.stack([model.features.encode_target(x, each) for each in model.member_predictions(x)])
+    error = (outputs - target).double()
+    losses = (error.abs() if loss == "mae" else error.square()).mean(dim=-1)
+    probabilities = model.probabilities(x)
+    use = phase_use(
+        probabilities.argmax(dim=1).numpy(),
+        motion.phase,
+        current_gait(motion.x),
+        model.networks.members,
+        np.random.default_rng(0),
+    )
+    return {"specialisation": specialisation(losses, probabilities), "phase_use": [asdict(each) for each in use]}
+
+
+def motion_arrays(
+    shown: Sequence[MotionCandidate], traces: Mapping[str, Trace], data: MotionData
+) -> dict[str, np.ndarray]:
+    """Return what the figures show of some candidates.
+
+    Arrays: `frames.true` and `frames.NAME` (time, joint, 3): the joints `SHOWN_JOINTS` over the first frames of a
+    held-out clip, in cm; `loop.NAME.WHAT`: the closed loop under the test script (`Trace.arrays` of its one run, and
+    what was measured of it frame by frame, `Course.arrays`).
+    """
+    rows = stretch(data.held_out["test"], SHOWN_STEPS)
+    motion = data.held_out["test"].select(rows)
+    joints = [JOINTS.index(name) for name in SHOWN_JOINTS]
+
+    def positions(y: Float64[np.ndarray, "time 311"]) -> np.ndarray:
+        return y[:, OUTPUT.joint_position].reshape(len(y), -1, 3)[:, joints].astype(np.float32)
+
+    arrays = {"frames.true": positions(motion.y.astype(np.float64))}
+    x, phase = torch.from_numpy(motion.x), torch.from_numpy(motion.phase) % 1.0
+    reference = data_reference(data.train)
+    for each in shown:
+        with torch.inference_mode():
+            arrays[f"frames.{each.name}"] = positions(each.predictor(x, phase).double().numpy())
+        arrays |= {f"loop.{each.name}.{key}": value for key, value in _loop_arrays(traces[each.name], reference)}
+    return arrays
+
+
+def stretch(motion: Motion, steps: int) -> Int64[np.ndarray, " row"]:
+    """Return the longest run of consecutive frames of one clip, at most `steps` of it, as rows of `motion`.
+
+    The frame that two cycles share occurs once.
+    """
+    # A boundary repeats the frame of the row before; everything else that is not the next frame begins a new run.
+    _, clip = np.unique(motion.clip, return_inverse=True)
+    same_clip = np.diff(clip) == 0
+    moved = np.diff(motion.frame)
+    kept = np.flatnonzero(np.append(True, ~(same_clip & (moved == 0))))
+    follows = (np.diff(clip[kept]) == 0) & (np.diff(motion.frame[kept]) == 1)
+    begins = np.flatnonzero(np.append(True, ~follows))
+    lengths = np.diff(np.append(begins, len(kept)))
+    longest = int(lengths.argmax())
+    rows: Int64[np.ndarray, " row"] = kept[begins[longest] : begins[longest] + min(int(lengths[longest]), steps)]
+    return rows
+
+
+def _judged(test: Trace, validation: Trace, reference: MotionReference) -> dict[str, Any]:
+    judged = judge(test, reference)
+    return {
+        "score": closed_loop_score(judged),
+        "validation_score": closed_loop_score(judge(validation, reference)),
+        "run": asdict(judged[0]),
+    }
+
+
+def _loop_arrays(trace: Trace, reference: MotionReference) -> Iterator[tuple[str, np.ndarray]]:
+    yield from ((name, array[0]) for name, array in trace.arrays().items() if name != "lived")
+    yield from courses(trace, reference)[0].arrays().items()
