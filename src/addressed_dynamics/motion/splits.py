@@ -7,7 +7,8 @@
   them, so a small error on them says little; the paper's test set was drawn like this.
 
 But for `rows` a moment is held out, not a row: the frame that two cycles share, and the same frame in the mirrored
-clip, go along.
+clip, go along. Still, only `test` shares nothing with training: inputs and outputs show the trajectory of a second
+before and after them, so those beside a cycle that is held out have seen its path, though not its poses.
 """
 
 from __future__ import annotations
