@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import torch
 from builders import car_transitions, write_log
+from motion_examples import make_clip, save_database
 
 import addressed_dynamics
 from addressed_dynamics import AddressedDynamics, TransitionRecorder, assign_to_bins, read_transitions
@@ -52,6 +53,16 @@ def test_an_environment_is_recorded_and_read_back(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found.observation, observations[:-1])
     np.testing.assert_array_equal(found.next_observation, observations[1:])
     assert found.action.tolist() == [0, 1, 2, 0, 1, 2, 0]
+
+
+def test_reading_motion_imports_neither_torch_nor_mlflow(tmp_path: Path) -> None:
+    source = save_database(tmp_path / "database.npz", make_clip("walk", (6, 5)))
+    program = (
+        "import sys; from addressed_dynamics import Motion, read_motion; motion = read_motion(sys.argv[1]);"
+        "print(isinstance(motion, Motion), len(motion), 'torch' in sys.modules, 'mlflow' in sys.modules)"
+    )
+    done = run_python(program, str(source))
+    assert (done.stdout.split(), done.stderr) == (["True", "11", "False", "False"], "")
 
 
 @pytest.mark.slow

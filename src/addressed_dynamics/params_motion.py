@@ -1,4 +1,4 @@
-"""Sections of an experiment with motion capture."""
+"""The sections of a params file that only motion capture has."""
 
 from __future__ import annotations
 

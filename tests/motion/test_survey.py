@@ -16,7 +16,7 @@ from pfnn_data import PFNN_DATA, needs_pfnn_data
 from addressed_dynamics import Motion, read_motion
 from addressed_dynamics.errors import MotionError
 from addressed_dynamics.motion import survey as survey_module
-from addressed_dynamics.motion.cycles import cycle_starts
+from addressed_dynamics.motion.contents import cycle_starts
 from addressed_dynamics.motion.layout import OUTPUT
 from addressed_dynamics.motion.source import stream_motion, survey_motion
 from addressed_dynamics.motion.survey import survey_database

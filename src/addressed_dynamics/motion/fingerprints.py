@@ -1,4 +1,7 @@
-"""Eight bytes that stand for a row of motion, by which equal rows are found among millions."""
+"""Eight bytes that stand for a row of motion, by which equal rows are found among millions.
+
+The idea is that of `tables.coverage.row_fingerprints`, which takes a column at a time; a row here has 654 of them.
+"""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float32, Int64
 
-from addressed_dynamics.motion.cycles import Cycle
+from addressed_dynamics.motion.contents import CycleRows
 from addressed_dynamics.motion.fingerprints import window_fingerprints
 
 WINDOW = 8
@@ -22,8 +22,8 @@ MATCHES = 8
 
 
 def align_mirrors(
-    cycles: Sequence[Cycle], hips_rise: Float32[np.ndarray, " row"]
-) -> tuple[tuple[Cycle, ...], dict[str, str]]:
+    cycles: Sequence[CycleRows], hips_rise: Float32[np.ndarray, " row"]
+) -> tuple[tuple[CycleRows, ...], dict[str, str]]:
     """Let the frames of clips that show the same performance count alike.
 
     Args:
@@ -54,10 +54,10 @@ def align_mirrors(
 
 
 def _rises(
-    cycles: Sequence[Cycle], clips: Sequence[str], hips_rise: Float32[np.ndarray, " row"]
+    cycles: Sequence[CycleRows], clips: Sequence[str], hips_rise: Float32[np.ndarray, " row"]
 ) -> list[Float32[np.ndarray, " frame"]]:
     """Return the velocities of each clip by frame, NaN where frames are missing."""
-    by_clip: dict[str, list[Cycle]] = {clip: [] for clip in clips}
+    by_clip: dict[str, list[CycleRows]] = {clip: [] for clip in clips}
     for cycle in cycles:
         by_clip[cycle.clip].append(cycle)
     rises = []

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int8, Int64
 
-from addressed_dynamics.motion.cycles import Cycle, Survey
+from addressed_dynamics.motion.contents import CycleRows, Survey
 from addressed_dynamics.motion.frames import Motion
 from addressed_dynamics.motion.layout import AXES, FRAME_RATE, GAITS, INPUT, INPUT_HEIGHTS, NOW, OUTPUT, Layout
 from addressed_dynamics.motion.splits import MOTION_SPLITS, TRAIN
@@ -117,7 +117,7 @@ def motion_report(survey: Survey, figures: Figures) -> dict[str, Any]:
 
 
 def _clips(survey: Survey, figures: Figures) -> dict[str, Any]:
-    cycles: dict[str, list[Cycle]] = {}
+    cycles: dict[str, list[CycleRows]] = {}
     for cycle in survey.cycles:
         cycles.setdefault(cycle.clip, []).append(cycle)
     return {
@@ -151,7 +151,7 @@ def _unit(quantity: str) -> str:
     return next(block.unit for block in OUTPUT.blocks if quantity.startswith(block.name))
 
 
-def _seconds(cycles: Sequence[Cycle]) -> float:
+def _seconds(cycles: Sequence[CycleRows]) -> float:
     """Return how long cycles take, from their first to their last frames."""
     return sum(cycle.rows - 1 for cycle in cycles) / FRAME_RATE
 

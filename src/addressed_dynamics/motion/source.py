@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from addressed_dynamics.motion.cycles import Cycle, Survey, cycle_starts
+from addressed_dynamics.motion.contents import CycleRows, Survey, cycle_starts
 from addressed_dynamics.motion.database import Database, open_database
 from addressed_dynamics.motion.frames import Motion
 from addressed_dynamics.motion.layout import INPUT, OUTPUT
@@ -87,13 +87,13 @@ def _stream_clips(clips: Iterator[Motion], rows: int) -> Iterator[Motion]:
         starts = cycle_starts(motion).tolist()
         lengths = np.diff(starts, append=len(motion)).tolist()
         cycles = zip(starts, lengths, strict=True)
-        places = [Cycle(start, length, "", 0, 0) for start, length in cycles]
+        places = [CycleRows(start, length, "", 0, 0) for start, length in cycles]
         for block in _in_blocks(places, rows):
             yield motion.select(slice(block[0].row, block[-1].row + block[-1].rows))
 
 
-def _in_blocks(cycles: Sequence[Cycle], rows: int) -> Iterator[list[Cycle]]:
-    block, size = list[Cycle](), 0
+def _in_blocks(cycles: Sequence[CycleRows], rows: int) -> Iterator[list[CycleRows]]:
+    block, size = list[CycleRows](), 0
     for cycle in cycles:
         if block and size + cycle.rows > rows:
             yield block
@@ -104,7 +104,7 @@ def _in_blocks(cycles: Sequence[Cycle], rows: int) -> Iterator[list[Cycle]]:
         yield block
 
 
-def _read_cycles(database: Database, cycles: Sequence[Cycle]) -> Motion:
+def _read_cycles(database: Database, cycles: Sequence[CycleRows]) -> Motion:
     rows = sum(cycle.rows for cycle in cycles)
     x, y = np.empty((rows, INPUT.width), np.float32), np.empty((rows, OUTPUT.width), np.float32)
     phase, stop = np.empty(rows, np.float32), 0

@@ -7,7 +7,8 @@
   them, so a small error on them says little; the paper's test set was drawn like this.
 
 But for `rows` a moment is held out, not a row: the frame that two cycles share, and the same frame in the mirrored
-clip, go along.
+clip, go along. Still, only `test` shares nothing with training: inputs and outputs show the trajectory of a second
+before and after them, so those beside a cycle that is held out have seen its path, though not its poses.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ import numpy as np
 from jaxtyping import Float64, Int8, Int64
 
 from addressed_dynamics.errors import MotionError
-from addressed_dynamics.motion.cycles import Cycle, Survey, cycle_starts
+from addressed_dynamics.motion.contents import CycleRows, Survey, cycle_starts
 from addressed_dynamics.motion.frames import Motion
 from addressed_dynamics.params_motion import MotionConvertParams
 from addressed_dynamics.tables.coverage import row_fingerprints
@@ -70,7 +71,7 @@ def plan_splits(survey: Survey, params: MotionConvertParams) -> SplitPlan:
     Raises:
         MotionError: a clip in `params.test_clips` does not exist.
     """
-    by_group: dict[str, list[Cycle]] = {}
+    by_group: dict[str, list[CycleRows]] = {}
     for cycle in sorted(survey.cycles, key=lambda each: (each.clip, each.cycle)):
         by_group.setdefault(survey.groups[cycle.clip], []).append(cycle)
     whole = _whole_groups(sorted(by_group), survey.groups, params)
@@ -107,7 +108,7 @@ def _whole_groups(names: Sequence[str], groups: Mapping[str, str], params: Motio
     return dict.fromkeys(tests, TEST) | dict.fromkeys(validations, VALIDATION)
 
 
-def _moments(cycles: Sequence[Cycle]) -> list[Cycle]:
+def _moments(cycles: Sequence[CycleRows]) -> list[CycleRows]:
     """Return the cycles of a group that do not overlap those before them: a mirror shows what its clip has shown."""
     seen = np.zeros(max(cycle.frame + cycle.rows for cycle in cycles), dtype=bool)
     moments = []
@@ -120,7 +121,7 @@ def _moments(cycles: Sequence[Cycle]) -> list[Cycle]:
 
 
 def _hold_out(
-    frames: Mapping[str, Int8[np.ndarray, " frame"]], cycles: Sequence[Cycle], groups: Mapping[str, str], split: int
+    frames: Mapping[str, Int8[np.ndarray, " frame"]], cycles: Sequence[CycleRows], groups: Mapping[str, str], split: int
 ) -> None:
     for cycle in cycles:
         held_out = frames[groups[cycle.clip]][cycle.frame : cycle.frame + cycle.rows]

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int64, UInt64
 
 from addressed_dynamics.errors import MotionError
-from addressed_dynamics.motion.cycles import Boundaries, Cycle, Survey, cycle_starts, mirror_groups
+from addressed_dynamics.motion.contents import Boundaries, CycleRows, Survey, cycle_starts, mirror_groups
 from addressed_dynamics.motion.database import META_COLUMNS, Block, open_database
 from addressed_dynamics.motion.fingerprints import motion_fingerprints, phase_fingerprints, terrain_fingerprints
 from addressed_dynamics.motion.frames import Motion
@@ -88,12 +88,12 @@ def survey_database(path: Path) -> Survey:
 
 def survey_clips(clips: Iterable[Motion]) -> Survey:
     """Find the cycles of `clips`, whose rows are of one terrain patch each; all are kept."""
-    cycles, whole, rows = list[Cycle](), [np.empty(0, np.uint64)], 0
+    cycles, whole, rows = list[CycleRows](), [np.empty(0, np.uint64)], 0
     for motion in clips:
         starts = cycle_starts(motion).tolist()
         for start, stop in zip(starts, [*starts[1:], len(motion)], strict=True):
             place = (str(motion.clip[start]), int(motion.cycle[start]), int(motion.frame[start]))
-            cycles.append(Cycle(rows + start, stop - start, *place))
+            cycles.append(CycleRows(rows + start, stop - start, *place))
         terrain = terrain_fingerprints(motion.x, motion.y)
         whole.append(motion_fingerprints(motion.x, motion.y) ^ phase_fingerprints(motion.phase) ^ terrain)
         rows += len(motion)
@@ -156,7 +156,7 @@ def _starts_by_meta(
     return starts
 
 
-def _cycles_by_phase(facts: _RowFacts, places: Sequence[tuple[int, int]]) -> Iterator[Cycle]:
+def _cycles_by_phase(facts: _RowFacts, places: Sequence[tuple[int, int]]) -> Iterator[CycleRows]:
     """Yield every copy of a cycle."""
     clip, cycle, frame, start, rows = -1, 0, 0, 0, 0
     for next_start, next_rows in places:
@@ -167,16 +167,16 @@ def _cycles_by_phase(facts: _RowFacts, places: Sequence[tuple[int, int]]) -> Ite
             else:
                 clip, cycle, frame = clip + 1, 0, 0
         start, rows = next_start, next_rows
-        yield Cycle(start, rows, f"clip_{clip:04d}", cycle, frame)
+        yield CycleRows(start, rows, f"clip_{clip:04d}", cycle, frame)
 
 
-def _cycles_by_meta(facts: _RowFacts, places: Sequence[tuple[int, int]], names: Sequence[str]) -> Iterator[Cycle]:
+def _cycles_by_meta(facts: _RowFacts, places: Sequence[tuple[int, int]], names: Sequence[str]) -> Iterator[CycleRows]:
     """Yield every copy of a cycle."""
     for (start, rows), (clip, frame, cycle, _) in zip(places, facts.meta.tolist(), strict=True):
-        yield Cycle(start, rows, names[clip], cycle, frame)
+        yield CycleRows(start, rows, names[clip], cycle, frame)
 
 
-def _without_copies(facts: _RowFacts, cycles: Iterable[Cycle]) -> Iterator[Cycle]:
+def _without_copies(facts: _RowFacts, cycles: Iterable[CycleRows]) -> Iterator[CycleRows]:
     """Yield each cycle the first time that it occurs, be it under another name."""
     named, seen = set[tuple[str, int]](), set[bytes]()
     for cycle in cycles:
@@ -189,7 +189,7 @@ def _without_copies(facts: _RowFacts, cycles: Iterable[Cycle]) -> Iterator[Cycle
 
 
 def _survey(
-    whole: UInt64[np.ndarray, " row"], kept: tuple[Cycle, ...], boundaries: Boundaries, groups: dict[str, str]
+    whole: UInt64[np.ndarray, " row"], kept: tuple[CycleRows, ...], boundaries: Boundaries, groups: dict[str, str]
 ) -> Survey:
     is_kept = np.zeros(len(whole), dtype=bool)
     for cycle in kept:

@@ -19,8 +19,8 @@ Boundaries = Literal["meta", "phase", "files"]
 
 
 @dataclass(frozen=True, slots=True)
-class Cycle:
-    """A gait cycle: consecutive rows of a source."""
+class CycleRows:
+    """Where a gait cycle lies in a source: in consecutive rows."""
 
     row: int
     """Its first row in the source, counting those that are not kept."""
@@ -40,7 +40,7 @@ class Survey:
 
     rows: int
     """Rows in the source."""
-    cycles: tuple[Cycle, ...]
+    cycles: tuple[CycleRows, ...]
     """The cycles that are kept, in the order of their rows: each once, on the first patch of terrain."""
     exact_duplicates: int
     """Rows that are equal, in every bit, to a row before them."""
