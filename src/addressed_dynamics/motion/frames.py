@@ -44,7 +44,8 @@ class Motion:
                 message = f"{name} should have shape ({rows},), but has {getattr(self, name).shape}"
                 raise MotionError(message)
         for name in ("x", "y", "phase"):
-            finite = np.isfinite(getattr(self, name)).reshape(rows, -1).all(axis=1)
+            values = getattr(self, name)
+            finite = np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
             if not finite.all():
                 message = f"{name} holds a value that is not finite, first in row {int(np.flatnonzero(~finite)[0])}"
                 raise MotionError(message)
