@@ -13,7 +13,7 @@ from addressed_dynamics.features.motion import MotionFeatures, fit_motion_featur
 from addressed_dynamics.motion.layout import INPUT, INPUT_GAITS, INPUT_HEIGHTS, NOW, OUTPUT
 from addressed_dynamics.params_motion import MotionFeatureParams
 
-TARGETS = pytest.mark.parametrize("target", ["absolute", "change"])
+TARGETS = pytest.mark.parametrize("target", ["absolute", "change", "trajectory_change"])
 
 
 def fitted(target: str = "absolute", weight: float = 0.1) -> MotionFeatures:
@@ -79,6 +79,16 @@ def test_persistence_moves_joints_by_their_velocity_less_the_roots() -> None:
     torch.testing.assert_close(y[0, OUTPUT.joint_velocity], x[0, INPUT.joint_velocity])
     torch.testing.assert_close(y[0, OUTPUT.trajectory_position_z], x[0, INPUT.trajectory_position_z][NOW:])
     assert not y[0, OUTPUT.joint_rotation].any()
+
+
+def test_a_change_of_trajectory_leaves_joints_absolute() -> None:
+    motion = make_motion()
+    x, y = torch.from_numpy(motion.x), torch.from_numpy(motion.y)
+    mixed, absolute, change = (fitted(t).encode_target(x, y) for t in ("trajectory_change", "absolute", "change"))
+    joints = OUTPUT.span("joint_position", "joint_rotation")
+    assert torch.equal(mixed[:, joints], absolute[:, joints])
+    torch.testing.assert_close(mixed[:, : joints.start], change[:, : joints.start])
+    assert not torch.allclose(change[:, OUTPUT.joint_velocity], absolute[:, OUTPUT.joint_velocity])
 
 
 @TARGETS

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 import torch
@@ -33,6 +33,9 @@ OUTPUT_GROUPS = (
     ("joint_position",), ("joint_velocity",), ("joint_rotation",),
 )  # fmt: skip
 """Blocks of outputs that are divided by one deviation."""
+Target = Literal["absolute", "change", "trajectory_change"]
+TARGETS: tuple[Target, ...] = get_args(Target)
+"""What networks may be asked for; `MotionFeatureParams.target` says what these are."""
 JOINT_INPUTS = ("joint_position", "joint_velocity")
 """Blocks of inputs that are made small."""
 INPUT_FLOORS = {"cm": 1.0, "cm/frame": 0.1, "": 0.01}
@@ -52,8 +55,8 @@ class MotionFeatures:
     for (t - target_mean) / target_deviation, where t is an output y, or what y adds to `persistence(x)`.
     """
 
-    target: Literal["absolute", "change"]
-    """Whether a network is asked for the outputs, or for what they add to persistence."""
+    target: Target
+    """Whether a network is asked for the outputs, or for what they (or their trajectory alone) add to persistence."""
     joint_input_weight: float
     """Size of the normalised joint inputs."""
     input_mean: tuple[float, ...]
@@ -98,7 +101,8 @@ class MotionFeatures:
 
     def encode_target(self, x: Float[Tensor, "row 342"], y: Float[Tensor, "row 311"]) -> Float[Tensor, "row output"]:
         """Return the normalised targets of frames with inputs `x` and outputs `y`."""
-        target = y - persistence(x) if self.target == "change" else y
+        base = _base(x, self.target)
+        target = y if base is None else y - base
         return (target - self._target_mean) / self._target_deviation
 
     def decode(
@@ -106,7 +110,18 @@ class MotionFeatures:
     ) -> Float[Tensor, "*member row 311"]:
         """Return the outputs of frames, in their own units, that a network means which was given `x`."""
         target = output * self._target_deviation + self._target_mean
-        return target + persistence(x) if self.target == "change" else target
+        base = _base(x, self.target)
+        return target if base is None else target + base
+
+    def retarget(
+        self,
+        x: Float[Tensor, "*batch input"],
+        x_other: Float[Tensor, "*batch input"],
+        target: Float[Tensor, "*batch output"],
+    ) -> Float[Tensor, "*batch output"]:
+        """Return targets that mean the same outputs for normalised inputs `x_other` as `target` does for `x`."""
+        change = _base(((x_other - x) / self._input_scale).flatten(end_dim=-2), self.target)
+        return target if change is None else target - change.view(target.shape) / self._target_deviation
 
     def samples(self, motion: Motion) -> Samples:
         """Return one sample for each frame of `motion`, in its order; an episode is a clip, a step a frame at 60 Hz."""
@@ -136,7 +151,7 @@ class MotionFeatures:
         """
         try:
             features = MotionFeatures(
-                target={"absolute": "absolute", "change": "change"}[value["target"]],  # type: ignore[arg-type] # checked by the lookup
+                target={name: name for name in TARGETS}[value["target"]],
                 joint_input_weight=float(value["joint_input_weight"]),
                 input_mean=tuple(map(float, value["input_mean"])),
                 input_deviation=tuple(map(float, value["input_deviation"])),
@@ -188,9 +203,8 @@ def fit_motion_features(train: Motion, params: MotionFeatureParams) -> MotionFea
     if not len(train):
         message = "there are no training frames to take statistics from: put more clips into the training split"
         raise MotionError(message)
-    target = train.y.astype(np.float64)
-    if params.target == "change":
-        target -= persistence(torch.from_numpy(train.x)).numpy()
+    base = _base(torch.from_numpy(train.x), params.target)
+    target = train.y.astype(np.float64) - (0.0 if base is None else base.numpy())
     x = train.x.astype(np.float64)
     return MotionFeatures(
         target=params.target,
@@ -218,6 +232,16 @@ def persistence(x: Float[Tensor, "row 342"]) -> Float[Tensor, "row 311"]:
     y[:, OUTPUT.joint_position] = x[:, INPUT.joint_position] + velocity - step.repeat(1, velocity.shape[1] // 3)
     y[:, OUTPUT.joint_velocity] = velocity
     return y
+
+
+def _base(x: Float[Tensor, "row 342"], target: Target) -> Float[Tensor, "row 311"] | None:
+    """Return what a target is added to; None if that is nothing. It is linear in `x`."""
+    if target == "absolute":
+        return None
+    base = persistence(x)
+    if target == "trajectory_change":
+        base[:, OUTPUT.span("joint_position", "joint_rotation")] = 0.0
+    return base
 
 
 def _deviations(

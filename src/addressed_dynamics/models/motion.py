@@ -189,7 +189,8 @@ class MotionModel:
                 member = torch.multinomial(self._probabilities(x), 1, generator=generator).squeeze(1)
                 return self.networks.forward_routed(x, member)
             case "mixture":
-                return (self._probabilities(x).T.unsqueeze(-1) * self.networks(x)).sum(dim=0)
+                outputs: Tensor = self.networks(x)
+                return (self._probabilities(x).T.unsqueeze(-1) * outputs).sum(dim=0)
             case "blend":
                 return self.networks.forward_blended(x, self._probabilities(x))
             case _:
