@@ -60,6 +60,7 @@ CASES = [
       for batch, target in ((32, 2.5), (128, None))),
     *(Case("Acrobot addressing", 8, (54, 512, 512, 256, 256, 1), "tanh", batch, max(1, 640 // batch), shared=2)
       for batch in (32, 128, 512)),
+    Case("Motion", 4, (342, 512, 512, 311), "elu", 32, 8, target=1.8),
 ]  # fmt: skip
 """What this project trains."""
 

@@ -12,7 +12,8 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from addressed_dynamics.errors import ParamsError
-from addressed_dynamics.params_base import Count, Positive, Section, Seed, Share
+from addressed_dynamics.params_base import Count, Dropout, Positive, Section, Seed, Share
+from addressed_dynamics.params_base import OptimiserParams as OptimiserParams  # sections of two modules have it
 from addressed_dynamics.params_source import SourceParams
 
 Action = int | tuple[float, ...]
@@ -189,17 +190,6 @@ class FeatureParams(Section):
     """Where the angles' velocities come from: differences of successive angles, as in the paper, or the network."""
 
 
-class OptimiserParams(Section):
-    """Adam and its schedule."""
-
-    learning_rate: Positive
-    """Peak learning rate."""
-    betas: tuple[Share, Share]
-    """Decay rates of Adam's moment estimates."""
-    final_share: Share
-    """The learning rate falls to this share of its peak (half a cosine); 1 keeps it constant, as in the paper."""
-
-
 class EnsembleParams(Section):
     """Phase 1: Algorithm 1 and the subnetworks."""
 
@@ -214,6 +204,8 @@ class EnsembleParams(Section):
     optimiser: OptimiserParams
     batch_size: Count
     """Samples per member and update."""
+    dropout: Dropout = 0.0
+    """Share of every layer's inputs that are set to 0 in an update."""
     epochs: Count
     cluster_epochs: Count
     """Bins are made anew in the first so many epochs and kept after that; as many as `epochs` is the paper's way."""
@@ -243,6 +235,8 @@ class AddressingTraining(Section):
     activation: Literal["relu", "tanh", "elu"]
     optimiser: OptimiserParams
     batch_size: Count
+    dropout: Dropout = 0.0
+    """Share of every layer's inputs that are set to 0 in an update."""
     epochs: Count
     tie_share: Share
     """Share of the weight that `cost_sensitive` spreads evenly, so that near ties are decided too; 1 makes it plain."""

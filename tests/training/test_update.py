@@ -3,7 +3,7 @@ import math
 import pytest
 import torch
 
-from addressed_dynamics.models.stacked import StackedMLP
+from addressed_dynamics.models.stacked import ACTIVATIONS, StackedMLP
 from addressed_dynamics.params import OptimiserParams
 from addressed_dynamics.training.losses import absolute_error, cross_entropy, cross_entropy_of_heads, squared_error
 from addressed_dynamics.training.update import StackTrainer
@@ -46,6 +46,26 @@ def test_gradients_equal_those_of_autograd(activation: str, loss: str, shared: i
     else:
         per_sample = (output - y).square().mean(-1) if loss == "mse" else (output - y).abs().mean(-1)
     expected = (per_sample * weight).sum(dim=1)
+    expected.sum().backward()
+    torch.testing.assert_close(losses, expected.detach())
+    assert_gradients_are_of(trainer, reference)
+
+
+@pytest.mark.parametrize("activation", ["relu", "tanh", "elu"])
+@pytest.mark.parametrize("shared", [0, 1, 2])
+def test_gradients_with_dropout_equal_those_of_autograd_with_the_same_masks(activation: str, shared: int) -> None:
+    stack, reference = (make_stack(3, activation, shared=shared) for _ in range(2))
+    x, y, weight = batch(3)
+    x = x[:1] if shared else x
+    generator, same = (torch.Generator().manual_seed(5) for _ in range(2))
+    trainer = StackTrainer(stack, squared_error, OPTIMISER, 10, dropout=0.4, generator=generator)
+    losses = trainer.gradients(x, y, weight)
+    hidden = x
+    for layer, (weights, bias) in enumerate(zip(reference.weights, reference.biases, strict=True)):
+        hidden = ACTIVATIONS[activation](hidden) if layer else hidden
+        hidden = hidden * (torch.rand(hidden.shape, generator=same) < 0.6) / 0.6
+        hidden = hidden @ weights + bias
+    expected = ((hidden - y).square().mean(-1) * weight).sum(dim=1)
     expected.sum().backward()
     torch.testing.assert_close(losses, expected.detach())
     assert_gradients_are_of(trainer, reference)

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from addressed_dynamics.errors import ModelError
 from addressed_dynamics.evaluation.one_step import Predictor
+from addressed_dynamics.features.spec import FeatureSpec
 from addressed_dynamics.models.addressed import MODES, AddressedDynamics, Mode
 from addressed_dynamics.models.files import SavedNetwork, load_network, read_index
 from addressed_dynamics.models.stacked import StackedMLP
@@ -158,7 +159,7 @@ def load_ensembles(folder: Path) -> tuple[dict[int, dict[str, AddressedDynamics]
     return models, delivered
 
 
-def _load_baseline(folder: Path) -> tuple[SavedNetwork, AddressedDynamics]:
+def _load_baseline(folder: Path) -> tuple[SavedNetwork[FeatureSpec], AddressedDynamics]:
     network = load_network(folder / "network")
     addressing = None if network.stack.members == 1 else load_network(folder / "addressing").stack
     return network, AddressedDynamics(network.features, network.stack, addressing)

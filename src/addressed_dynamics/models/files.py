@@ -4,12 +4,13 @@ import json
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import safetensors.torch
 from safetensors import SafetensorError
 
 from addressed_dynamics.errors import ModelError
+from addressed_dynamics.features.motion import MotionFeatures
 from addressed_dynamics.features.spec import FeatureSpec
 from addressed_dynamics.files import atomic_path, write_json
 from addressed_dynamics.models.stacked import ACTIVATIONS, StackedMLP
@@ -18,19 +19,22 @@ FORMAT = 1
 """Version of the folder's layout."""
 
 
+Features = TypeVar("Features", bound=FeatureSpec | MotionFeatures)
+
+
 @dataclass(frozen=True)
-class SavedNetwork:
+class SavedNetwork(Generic[Features]):
     """A stack of networks with all that is needed to use it."""
 
     stack: StackedMLP
     """The networks."""
-    features: FeatureSpec
+    features: Features
     """What their inputs and outputs mean."""
     notes: dict[str, Any]
     """Where they come from: params, hash of the data, seed, and so on; JSON-compatible."""
 
 
-def save_network(folder: Path, network: SavedNetwork) -> None:
+def save_network(folder: Path, network: SavedNetwork[Features]) -> None:
     """Write `network` into `folder`, which appears whole or not at all."""
     stack = network.stack
     config = {
@@ -52,12 +56,34 @@ def save_network(folder: Path, network: SavedNetwork) -> None:
         write_json(temporary / "config.json", config)
 
 
-def load_network(folder: Path) -> SavedNetwork:
-    """Read what `save_network` wrote.
+def load_network(folder: Path) -> SavedNetwork[FeatureSpec]:
+    """Read what `save_network` wrote of a model of an environment.
 
     Raises:
-        ModelError: a file is missing or damaged, is of another format, or the weights do not fit the architecture.
+        ModelError: a file is missing or damaged, is of another format, or the weights do not fit the architecture; or
+            the network models motion.
     """
+    network = _load(folder)
+    if not isinstance(network.features, FeatureSpec):
+        message = f"{folder}: a model of motion, not of an environment; MotionModel loads it"
+        raise ModelError(message)
+    return SavedNetwork(network.stack, network.features, network.notes)
+
+
+def load_motion_network(folder: Path) -> SavedNetwork[MotionFeatures]:
+    """Read what `save_network` wrote of a model of motion.
+
+    Raises:
+        ModelError: as in `load_network`; or the network models an environment.
+    """
+    network = _load(folder)
+    if not isinstance(network.features, MotionFeatures):
+        message = f"{folder}: a model of an environment, not of motion; AddressedDynamics loads it"
+        raise ModelError(message)
+    return SavedNetwork(network.stack, network.features, network.notes)
+
+
+def _load(folder: Path) -> SavedNetwork[FeatureSpec | MotionFeatures]:
     config = _read_config(folder / "config.json")
     try:
         architecture = config["architecture"]
@@ -69,7 +95,7 @@ def load_network(folder: Path) -> SavedNetwork:
         # Models of earlier versions have no shared layers, and do not say so.
         shared = int(architecture.get("shared", 0))
         stack = StackedMLP(int(architecture["members"]), widths, activation, shared=shared)  # type: ignore[arg-type] # checked above
-        features, notes = FeatureSpec.from_json(config["features"]), dict(config["notes"])
+        features, notes = _features(config["features"]), dict(config["notes"])
     except (KeyError, TypeError, ValueError, ModelError) as error:
         message = f"{folder / 'config.json'}: incomplete or malformed ({error}); train the model again"
         raise ModelError(message) from error
@@ -102,6 +128,17 @@ def read_index(folder: Path, name: str) -> dict[str, Any]:
         ModelError: it is missing or is not JSON.
     """
     return _read_config(folder / name)
+
+
+def _features(value: Any) -> FeatureSpec | MotionFeatures:
+    # Features of environments have no kind.
+    kind = value.get("kind") if isinstance(value, dict) else None
+    if kind is None:
+        return FeatureSpec.from_json(value)
+    if kind != "motion":
+        message = f"unknown kind of features '{kind}'"
+        raise ValueError(message)
+    return MotionFeatures.from_json(value)
 
 
 def _read_config(path: Path) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from addressed_dynamics.features.samples import Samples
 from addressed_dynamics.models.addressing import addressing_scores
 from addressed_dynamics.models.stacked import StackedMLP, in_chunks
 from addressed_dynamics.params import AddressingTraining
+from addressed_dynamics.training.augmentation import Augment
 from addressed_dynamics.training.checkpoints import Checkpoint
 from addressed_dynamics.training.epochs import Epoch, batches, updates_per_epoch
 from addressed_dynamics.training.losses import cross_entropy, cross_entropy_of_heads
@@ -31,6 +32,7 @@ def train_addressing(
     *,
     seed: int,
     variant: Variant,
+    augment: Augment | None = None,
     checkpoint: Checkpoint | None = None,
 ) -> Iterator[Epoch]:
     """Train an addressing network on the argmin of fresh loss profiles; yield after every epoch.
@@ -38,6 +40,8 @@ def train_addressing(
     Profiles must be losses of states scaled to [0, 1]. Metrics of an epoch: `loss/train` (cross-entropy), and on the
     validation samples `agreement` (share for which the choice is the best member), `regret/mean` and `regret/max`
     (loss of the choice minus loss of the best), `loss/selected` (mean loss under the choice), `learning_rate`.
+
+    With `augment` the network trains on what it makes of the inputs of a batch.
 
     With a checkpoint, training goes on from it if it exists, as `train_ensemble` does.
 
@@ -52,7 +56,7 @@ def train_addressing(
     network = untrained_addressing(train.x.shape[1], members, params, seed=seed)
     loss = cross_entropy_of_heads if params.heads else cross_entropy
     total_updates = params.epochs * updates_per_epoch(len(train), 1, params.batch_size)
-    trainer = StackTrainer(network, loss, params.optimiser, total_updates)
+    trainer = StackTrainer(network, loss, params.optimiser, total_updates, dropout=params.dropout, generator=generator)
     best = train_profiles.argmin(dim=1)
     weights = misclassification_weights(train_profiles, params.tie_share) if variant == "cost_sensitive" else None
     one_bin = torch.zeros(len(train), dtype=torch.int64)
@@ -68,7 +72,10 @@ def train_addressing(
         drawn = everything if weights is None else resample(weights, generator)
         for batch in batches(one_bin, 1, params.batch_size, generator):
             rows = drawn[batch.rows]
-            total += float(trainer.update(train.x[rows], best[rows], batch.weight))
+            x = train.x[rows]
+            if augment is not None:
+                x, _ = augment(x, train.y[rows], generator)
+            total += float(trainer.update(x, best[rows], batch.weight))
             updates += 1
         if not total < float("inf"):
             message = "the loss of the addressing network is not finite: lower addressing.optimiser.learning_rate"

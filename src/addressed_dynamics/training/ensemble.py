@@ -11,6 +11,7 @@ from addressed_dynamics.errors import TrainingError
 from addressed_dynamics.features.samples import Samples
 from addressed_dynamics.models.stacked import StackedMLP, in_chunks
 from addressed_dynamics.params import EnsembleParams
+from addressed_dynamics.training.augmentation import Augment
 from addressed_dynamics.training.checkpoints import Checkpoint
 from addressed_dynamics.training.clustering import assign_to_bins
 from addressed_dynamics.training.epochs import Epoch, batches, updates_per_epoch
@@ -30,6 +31,7 @@ def train_ensemble(
     seed: int,
     loss_unit: float,
     binning: Binning = "equal",
+    augment: Augment | None = None,
     checkpoint: Checkpoint | None = None,
 ) -> Iterator[Epoch]:
     """Train `params.members` networks from `seed`; yield after every epoch.
@@ -42,6 +44,8 @@ def train_ensemble(
 
     With `params.restart` the epochs in which bins are made anew only find the bins: the networks then start again from
     their first weights and the learning rate from its peak, so that no network has ever seen what is not in its bin.
+
+    With `augment` the members train on what it makes of their batches; bins and metrics are of the samples as they are.
 
     With a checkpoint, training goes on from it if it exists: the epochs before it are yielded again with their metrics
     (and the networks as they are after the last of them), and it ends as it would have without the interruption.
@@ -63,7 +67,10 @@ def train_ensemble(
     def begin(epoch: int) -> StackTrainer:
         untrained = untrained_ensemble(train.x.shape[1], train.y.shape[1], params, seed=seed)
         epochs = search if epoch <= search else params.epochs - search
-        return StackTrainer(untrained, REGRESSION_LOSSES[params.loss], params.optimiser, epochs * per_epoch)
+        return StackTrainer(
+            untrained, REGRESSION_LOSSES[params.loss], params.optimiser, epochs * per_epoch,
+            dropout=params.dropout, generator=generator,
+        )  # fmt: skip
 
     bins = torch.randint(0, members, (len(train),), generator=named_generator(seed, "ensemble/random_bins"))
     history, state = checkpoint.load() if checkpoint else ([], {})
@@ -82,7 +89,7 @@ def train_ensemble(
             profiles = evaluate_profiles(stack, train, params.loss)
             bins = assign_to_bins(profiles) if binning == "equal" else profiles.argmin(dim=1)
         rate = trainer.learning_rate
-        member_losses = _train_one_epoch(trainer, train, bins, params.batch_size, generator)
+        member_losses = _train_one_epoch(trainer, train, bins, params.batch_size, generator, augment)
         metrics = {"loss/train": float(member_losses.mean()), "learning_rate": rate}
         metrics |= {f"loss_member/{k}": float(loss) for k, loss in enumerate(member_losses)}
         metrics |= specialisation(evaluate_profiles(stack, validation, reported_loss(params.loss)) * loss_unit)
@@ -120,14 +127,22 @@ def specialisation(profiles: Float[Tensor, "sample member"]) -> dict[str, float]
 
 
 def _train_one_epoch(
-    trainer: StackTrainer, train: Samples, bins: Int64[Tensor, " sample"], batch_size: int, generator: torch.Generator
+    trainer: StackTrainer,
+    train: Samples,
+    bins: Int64[Tensor, " sample"],
+    batch_size: int,
+    generator: torch.Generator,
+    augment: Augment | None,
 ) -> Float[Tensor, " member"]:
     """Train every member on its bin once; return each member's mean loss over the updates."""
     members = trainer.stack.members
     total = torch.zeros(members, dtype=torch.float64)
     updates = 0
     for batch in batches(bins, members, batch_size, generator):
-        total += trainer.update(train.x[batch.rows], train.y[batch.rows], batch.weight)
+        x, y = train.x[batch.rows], train.y[batch.rows]
+        if augment is not None:
+            x, y = augment(x, y, generator)
+        total += trainer.update(x, y, batch.weight)
         updates += 1
     if not torch.isfinite(total).all():
         message = "the training loss is not finite any more: lower ensemble.optimiser.learning_rate"

@@ -3,16 +3,15 @@
 Hand-written because autograd's bookkeeping costs more than the arithmetic at these sizes; a test holds it to autograd.
 """
 
-import math
 from collections.abc import Callable
 
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
-from torch.optim.adam import adam
 
 from addressed_dynamics.models.stacked import Activation, StackedMLP
 from addressed_dynamics.params import OptimiserParams
+from addressed_dynamics.training.adam import FlatAdam
 from addressed_dynamics.training.losses import MemberLoss
 
 
@@ -22,24 +21,34 @@ class StackTrainer:
     The stack's parameters become views of one flat tensor and change in place.
     """
 
-    def __init__(self, stack: StackedMLP, loss: MemberLoss, optimiser: OptimiserParams, total_updates: int) -> None:
-        """Prepare to train `stack` for `total_updates` updates, over which the learning rate follows its schedule."""
+    def __init__(
+        self,
+        stack: StackedMLP,
+        loss: MemberLoss,
+        optimiser: OptimiserParams,
+        total_updates: int,
+        *,
+        dropout: float = 0.0,
+        generator: torch.Generator | None = None,
+    ) -> None:
+        """Prepare to train `stack` for `total_updates` updates, over which the learning rate follows its schedule.
+
+        Args:
+            stack: the networks.
+            loss: what they minimise.
+            optimiser: how.
+            total_updates: number of updates to come.
+            dropout: share of the inputs of every layer that are set to 0 in an update.
+            generator: which ones; of no use without dropout.
+        """
         self.stack = stack
         self._loss = loss
-        self._schedule = optimiser
-        self._total_updates = total_updates
-        self.updates = 0
-        self._flat = torch.cat([parameter.detach().flatten() for parameter in stack.parameters()])
-        self._gradient = torch.zeros_like(self._flat)
-        self._first_moment, self._second_moment = torch.zeros_like(self._flat), torch.zeros_like(self._flat)
-        self._adam_step = torch.tensor(0.0)
-        shapes = [parameter.shape for parameter in stack.parameters()]
-        views, gradients = _views(self._flat, shapes), _views(self._gradient, shapes)
-        for parameter, view in zip(stack.parameters(), views, strict=True):
-            parameter.data = view
+        self._keep = 1.0 - dropout
+        self._generator = generator
+        self._adam = FlatAdam(stack.parameters(), optimiser, total_updates)
         layers = len(stack.weights)
-        self._weights, self._biases = views[:layers], views[layers:]
-        self._weight_gradients, self._bias_gradients = gradients[:layers], gradients[layers:]
+        self._weights, self._biases = self._adam.values[:layers], self._adam.values[layers:]
+        self._weight_gradients, self._bias_gradients = self._adam.gradients[:layers], self._adam.gradients[layers:]
 
     @torch.no_grad()
     def update(
@@ -50,13 +59,7 @@ class StackTrainer:
         If the stack has shared layers, all members are trained on one batch: `x` is (1, sample, input).
         """
         losses = self.gradients(x, target, weight)
-        # The function that torch.optim.Adam calls: the class around it costs a small network as much as its products.
-        adam(
-            [self._flat], [self._gradient], [self._first_moment], [self._second_moment], [], [self._adam_step],
-            fused=True, amsgrad=False, beta1=self._schedule.betas[0], beta2=self._schedule.betas[1],
-            lr=self.learning_rate, weight_decay=0.0, eps=1e-8, maximize=False,
-        )  # fmt: skip
-        self.updates += 1
+        self._adam.step()
         return losses
 
     @torch.no_grad()
@@ -66,17 +69,23 @@ class StackTrainer:
         """Compute the gradient of the summed loss by all weights and biases; return the members' losses."""
         activate, derive = _ACTIVATE[self.stack.activation], _DERIVATIVES[self.stack.activation]
         members, shared, hidden = self.stack.members, self.stack.shared, x
-        layer_inputs = list[Tensor]()
+        # What each layer is given, what that was before dropout, and by what it was multiplied.
+        layer_inputs, activations, masks = list[Tensor](), list[Tensor](), list[Tensor | None]()
         for layer, (weights, bias) in enumerate(zip(self._weights, self._biases, strict=True)):
             if layer:
                 hidden = activate(hidden)
+            activations.append(hidden)
+            mask = self._mask(hidden)
+            if mask is not None:
+                hidden = hidden * mask
+            masks.append(mask)
             layer_inputs.append(hidden)
             if layer == shared:
                 hidden = hidden.expand(members, -1, -1)
             hidden = torch.baddbmm(bias, hidden, weights)
         losses, derivative = self._loss(hidden, target, weight)
         for layer in range(len(self._weights) - 1, -1, -1):
-            values, weights = layer_inputs[layer], self._weights[layer]
+            values, weights, mask = layer_inputs[layer], self._weights[layer], masks[layer]
             if layer >= shared:
                 values = values.expand(members, -1, -1)
             torch.bmm(values.transpose(1, 2), derivative, out=self._weight_gradients[layer])
@@ -85,38 +94,35 @@ class StackTrainer:
                 derivative = torch.bmm(derivative, weights.transpose(1, 2))
                 if layer == shared:
                     derivative = derivative.sum(dim=0, keepdim=True)
-                derivative = derive(derivative, layer_inputs[layer])
+                if mask is not None:
+                    derivative *= mask
+                derivative = derive(derivative, activations[layer])
         return losses
 
     @property
+    def updates(self) -> int:
+        """Number of updates made so far."""
+        return self._adam.updates
+
+    @property
     def learning_rate(self) -> float:
-        """The learning rate of the next update: half a cosine from the peak to the final share of it."""
-        done = min(self.updates / max(self._total_updates, 1), 1.0)
-        share = self._schedule.final_share + (1.0 - self._schedule.final_share) * 0.5 * (1.0 + math.cos(math.pi * done))
-        return self._schedule.learning_rate * share
+        """The learning rate of the next update."""
+        return self._adam.learning_rate
 
     def state(self) -> dict[str, Tensor]:
         """Return all that is needed to go on from here, as copies."""
-        return {
-            "parameters": self._flat.clone(),
-            "first_moment": self._first_moment.clone(),
-            "second_moment": self._second_moment.clone(),
-            "updates": torch.tensor(self.updates),
-        }
+        return self._adam.state()
 
     def restore(self, state: dict[str, Tensor]) -> None:
         """Go on from what `state` returned."""
-        self._flat.copy_(state["parameters"])
-        self._first_moment.copy_(state["first_moment"])
-        self._second_moment.copy_(state["second_moment"])
-        self.updates = int(state["updates"])
-        self._adam_step.fill_(self.updates)
+        self._adam.restore(state)
 
-
-def _views(flat: Tensor, shapes: list[torch.Size]) -> list[Tensor]:
-    """Return views of consecutive parts of `flat` with the given shapes."""
-    parts = torch.split(flat, [shape.numel() for shape in shapes])
-    return [part.view(shape) for part, shape in zip(parts, shapes, strict=True)]
+    def _mask(self, values: Tensor) -> Tensor | None:
+        """Return 0 for what is dropped and for the rest a factor that keeps the expected sum; None if all is kept."""
+        if self._keep == 1.0:
+            return None
+        kept = torch.rand(values.shape, generator=self._generator) < self._keep
+        return kept.to(values.dtype).div_(self._keep)
 
 
 def _tanh_(values: Tensor) -> Tensor:
@@ -141,7 +147,7 @@ def _tanh_derivative(derivative: Tensor, output: Tensor) -> Tensor:
 
 
 def _elu_derivative(derivative: Tensor, output: Tensor) -> Tensor:
-    return torch.where(output > 0, derivative, derivative * (output + 1.0))
+    return torch.ops.aten.elu_backward(derivative, 1.0, 1.0, 1.0, True, output)  # type: ignore[no-any-return] # as above
 
 
 _DERIVATIVES: dict[Activation, Callable[[Tensor, Tensor], Tensor]] = {

@@ -1,0 +1,74 @@
+"""Adam on one flat tensor, of which the parameters are views."""
+
+import math
+from collections.abc import Iterable
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+from torch.optim.adam import adam
+
+from addressed_dynamics.params_base import OptimiserParams
+
+
+class FlatAdam:
+    """Adam whose learning rate follows its schedule. The parameters become views of one tensor and change in place."""
+
+    def __init__(self, parameters: Iterable[nn.Parameter], optimiser: OptimiserParams, total_updates: int) -> None:
+        """Prepare for `total_updates` updates of `parameters`."""
+        own = list(parameters)
+        self._schedule = optimiser
+        self._total_updates = total_updates
+        self.updates = 0
+        self._flat = torch.cat([parameter.detach().flatten() for parameter in own])
+        self._gradient = torch.zeros_like(self._flat)
+        self._first_moment, self._second_moment = torch.zeros_like(self._flat), torch.zeros_like(self._flat)
+        self._adam_step = torch.tensor(0.0)
+        shapes = [parameter.shape for parameter in own]
+        self.values: list[Float[Tensor, ...]] = _views(self._flat, shapes)
+        """The parameters, without autograd's bookkeeping."""
+        self.gradients: list[Float[Tensor, ...]] = _views(self._gradient, shapes)
+        """Where `step` expects their gradients."""
+        for parameter, view in zip(own, self.values, strict=True):
+            parameter.data = view
+
+    @torch.no_grad()
+    def step(self) -> None:
+        """Make an update with the gradients that are there."""
+        # The function that torch.optim.Adam calls: the class around it costs a small network as much as its products.
+        adam(
+            [self._flat], [self._gradient], [self._first_moment], [self._second_moment], [], [self._adam_step],
+            fused=True, amsgrad=False, beta1=self._schedule.betas[0], beta2=self._schedule.betas[1],
+            lr=self.learning_rate, weight_decay=0.0, eps=1e-8, maximize=False,
+        )  # fmt: skip
+        self.updates += 1
+
+    @property
+    def learning_rate(self) -> float:
+        """The learning rate of the next update: half a cosine from the peak to the final share of it."""
+        done = min(self.updates / max(self._total_updates, 1), 1.0)
+        share = self._schedule.final_share + (1.0 - self._schedule.final_share) * 0.5 * (1.0 + math.cos(math.pi * done))
+        return self._schedule.learning_rate * share
+
+    def state(self) -> dict[str, Tensor]:
+        """Return all that is needed to go on from here, as copies."""
+        return {
+            "parameters": self._flat.clone(),
+            "first_moment": self._first_moment.clone(),
+            "second_moment": self._second_moment.clone(),
+            "updates": torch.tensor(self.updates),
+        }
+
+    def restore(self, state: dict[str, Tensor]) -> None:
+        """Go on from what `state` returned."""
+        self._flat.copy_(state["parameters"])
+        self._first_moment.copy_(state["first_moment"])
+        self._second_moment.copy_(state["second_moment"])
+        self.updates = int(state["updates"])
+        self._adam_step.fill_(self.updates)
+
+
+def _views(flat: Tensor, shapes: list[torch.Size]) -> list[Tensor]:
+    """Return views of consecutive parts of `flat` with the given shapes."""
+    parts = torch.split(flat, [shape.numel() for shape in shapes])
+    return [part.view(shape) for part, shape in zip(parts, shapes, strict=True)]

@@ -1,0 +1,198 @@
+"""Training networks through the mixture of their parameters: phase-functioned networks, and networks with a gate.
+
+Both train `StackedMLP.forward_blended`: with coefficients that the phase gives (Holden, Komura, Saito 2017), or with
+those of a gating network, which is the mode `blend` trained end to end, in the manner of mode-adaptive networks (Zhang
+et al. 2018).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float, Int64
+from torch import Tensor
+
+from addressed_dynamics.errors import TrainingError
+from addressed_dynamics.features.samples import Samples
+from addressed_dynamics.models.addressing import addressing_scores
+from addressed_dynamics.models.phase_functioned import CONTROL_POINTS, catmull_rom
+from addressed_dynamics.models.stacked import ACTIVATIONS, StackedMLP, in_chunks
+from addressed_dynamics.params_motion import BlendedTraining
+from addressed_dynamics.training.adam import FlatAdam
+from addressed_dynamics.training.augmentation import Augment
+from addressed_dynamics.training.checkpoints import Checkpoint
+from addressed_dynamics.training.epochs import Epoch, batches, updates_per_epoch
+from addressed_dynamics.training.losses import loss_profile, reported_loss
+from addressed_dynamics.training.runtime import named_generator
+
+Coefficients = Callable[[Tensor, Tensor], Tensor]
+"""(inputs (B, input), rows (B,)) -> what weighs each member for each of them, (B, member)."""
+
+
+@dataclass(frozen=True)
+class BlendedEpoch(Epoch):
+    """One finished epoch; `network` holds the networks that are mixed."""
+
+    gate: StackedMLP | None = None
+    """The network whose softmax mixes them; None if the phase does."""
+
+
+def train_phase_functioned(
+    train: Samples,
+    train_phase: Float[Tensor, " sample"],
+    validation: Samples,
+    validation_phase: Float[Tensor, " sample"],
+    params: BlendedTraining,
+    *,
+    seed: int,
+    augment: Augment | None = None,
+    checkpoint: Checkpoint | None = None,
+) -> Iterator[BlendedEpoch]:
+    """Train a phase-functioned network; yield after every epoch. Metrics and checkpoint as in `train_gated`.
+
+    Raises:
+        TrainingError: there are no samples, their phases are others, or the loss is not finite.
+    """
+    if len(train) != len(train_phase) or len(validation) != len(validation_phase):
+        message = (
+            f"every sample needs its phase, but there are {len(train)} and {len(validation)} samples "
+            f"with {len(train_phase)} and {len(validation_phase)} phases"
+        )
+        raise TrainingError(message)
+    on_train, on_validation = catmull_rom(train_phase), catmull_rom(validation_phase)
+    stack, _ = untrained_blended(train.x.shape[1], train.y.shape[1], params, seed=seed, gated=False)
+    yield from _train(
+        train, validation, params, stack, None, lambda _, rows: on_train[rows], lambda _, rows: on_validation[rows],
+        seed=seed, augment=augment, checkpoint=checkpoint,
+    )  # fmt: skip
+
+
+def train_gated(
+    train: Samples,
+    validation: Samples,
+    params: BlendedTraining,
+    *,
+    seed: int,
+    augment: Augment | None = None,
+    checkpoint: Checkpoint | None = None,
+) -> Iterator[BlendedEpoch]:
+    """Train networks together with a gate whose softmax mixes their parameters; yield after every epoch.
+
+    Metrics: `loss/train` and `loss/validation` (without dropout and penalty), of normalised targets; `learning_rate`.
+    With a checkpoint, training goes on from it if it exists, as `train_ensemble` does.
+
+    Raises:
+        TrainingError: there are no samples, or the loss is not finite.
+    """
+    stack, gate = untrained_blended(train.x.shape[1], train.y.shape[1], params, seed=seed, gated=True)
+    assert gate is not None
+
+    def coefficients(x: Tensor, _: Tensor) -> Tensor:
+        return torch.softmax(addressing_scores(gate, x), dim=1)
+
+    yield from _train(
+        train, validation, params, stack, gate, coefficients, coefficients,
+        seed=seed, augment=augment, checkpoint=checkpoint,
+    )  # fmt: skip
+
+
+def untrained_blended(
+    inputs: int, outputs: int, params: BlendedTraining, *, seed: int, gated: bool
+) -> tuple[StackedMLP, StackedMLP | None]:
+    """Return the networks that training starts from, and the gate if there is to be one."""
+    members = params.members if gated else CONTROL_POINTS
+    widths = (inputs, *params.hidden, outputs)
+    stack = StackedMLP(members, widths, params.activation, named_generator(seed, "blended/weights"))
+    if not gated:
+        return stack, None
+    gate_widths = (inputs, *params.gate_hidden, members)
+    return stack, StackedMLP(1, gate_widths, params.activation, named_generator(seed, "blended/gate"))
+
+
+def forward_with_dropout(
+    stack: StackedMLP,
+    x: Float[Tensor, "sample input"],
+    coefficients: Float[Tensor, "sample member"],
+    dropout: float,
+    generator: torch.Generator,
+) -> Float[Tensor, "sample output"]:
+    """Return what `forward_blended` does, with a share of every layer's inputs set to 0 and the others made larger."""
+    mix, hidden, keep = coefficients.T.unsqueeze(-1), x, 1.0 - dropout
+    for layer, (weight, bias) in enumerate(zip(stack.weights, stack.biases, strict=True)):
+        if layer:
+            hidden = ACTIVATIONS[stack.activation](hidden)
+        if dropout:
+            hidden = hidden * ((torch.rand(hidden.shape, generator=generator) < keep).to(hidden.dtype) / keep)
+        hidden = (mix * torch.baddbmm(bias, hidden.expand(stack.members, -1, -1), weight)).sum(dim=0)
+    return hidden
+
+
+def _train(
+    train: Samples,
+    validation: Samples,
+    params: BlendedTraining,
+    stack: StackedMLP,
+    gate: StackedMLP | None,
+    on_train: Coefficients,
+    on_validation: Coefficients,
+    *,
+    seed: int,
+    augment: Augment | None,
+    checkpoint: Checkpoint | None,
+) -> Iterator[BlendedEpoch]:
+    if not len(train) or not len(validation):
+        message = "there are no samples to train the mixed networks on: put more clips into the training split"
+        raise TrainingError(message)
+    generator = named_generator(seed, "blended/batches")
+    per_epoch = updates_per_epoch(len(train), 1, params.batch_size)
+    parameters = [*stack.parameters(), *([] if gate is None else gate.parameters())]
+    adam = FlatAdam(parameters, params.optimiser, params.epochs * per_epoch)
+    penalties = [params.weight_penalty / len(list(stack.parameters())) / each.numel() for each in stack.parameters()]
+    history, state = checkpoint.load() if checkpoint else ([], {})
+    if history:
+        generator.set_state(state.pop("generator"))
+        adam.restore(state)
+    for epoch, metrics in enumerate(history, start=1):
+        yield BlendedEpoch(epoch, epoch == params.epochs, epoch * per_epoch, metrics, stack, gate)
+    one_bin, everything = torch.zeros(len(train), dtype=torch.int64), torch.arange(len(validation))
+    for epoch in range(len(history) + 1, params.epochs + 1):
+        rate, total, updates = adam.learning_rate, 0.0, 0
+        for batch in batches(one_bin, 1, params.batch_size, generator):
+            rows, weight = batch.rows[0], batch.weight[0]
+            x, y = train.x[rows], train.y[rows]
+            if augment is not None:
+                x, y = augment(x, y, generator)
+            with torch.enable_grad():
+                output = forward_with_dropout(stack, x, on_train(x, rows), params.dropout, generator)
+                loss = (loss_profile(output.unsqueeze(0), y, params.loss).squeeze(1) * weight).sum()
+            gradients = torch.autograd.grad(loss, parameters)
+            for place, gradient in zip(adam.gradients, gradients, strict=True):
+                place.copy_(gradient)
+            for place, value, penalty in zip(adam.gradients, adam.values, penalties, strict=False):
+                place.add_(value.sign(), alpha=penalty)
+            adam.step()
+            total += float(loss.detach())
+            updates += 1
+        if not total < float("inf"):
+            message = "the training loss is not finite any more: lower the learning rate"
+            raise TrainingError(message)
+        metrics = {"loss/train": total / updates, "learning_rate": rate}
+        metrics["loss/validation"] = _loss(stack, on_validation, validation, everything, reported_loss(params.loss))
+        history.append(metrics)
+        if checkpoint:
+            checkpoint.save(history, {**adam.state(), "generator": generator.get_state()})
+        yield BlendedEpoch(epoch, epoch == params.epochs, epoch * per_epoch, metrics, stack, gate)
+
+
+def _loss(
+    stack: StackedMLP, coefficients: Coefficients, samples: Samples, rows: Int64[Tensor, " sample"], loss: str
+) -> float:
+    """Return the mean loss of the mixed networks on `samples`, as they are used."""
+
+    def profiles(some: Tensor) -> Tensor:
+        x, y = samples.x[some], samples.y[some]
+        return loss_profile(stack.forward_blended(x, coefficients(x, some)).unsqueeze(0), y, loss).squeeze(1)
+
+    return float(in_chunks(profiles, rows, sample_dim=0).double().mean())
