@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from addressed_dynamics.models.addressing import addressing_scores
 from addressed_dynamics.models.stacked import Activation, StackedMLP
-from addressed_dynamics.params import OptimiserParams
+from addressed_dynamics.params_base import OptimiserParams
 from addressed_dynamics.training.losses import cross_entropy_of_heads, squared_error
 from addressed_dynamics.training.runtime import prepare_torch
 from addressed_dynamics.training.update import StackTrainer

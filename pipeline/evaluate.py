@@ -26,7 +26,8 @@ from addressed_dynamics.evaluation.suite import (
 from addressed_dynamics.evaluation.truth import true_rollouts
 from addressed_dynamics.files import atomic_path, save_arrays, write_json
 from addressed_dynamics.models.files import load_network
-from addressed_dynamics.params import EnsembleParams, load_params
+from addressed_dynamics.params import load_params
+from addressed_dynamics.params_training import EnsembleParams
 from addressed_dynamics.tables import Split, load_transitions
 from addressed_dynamics.tables.episodes import read_episodes
 from addressed_dynamics.training.ensemble import untrained_ensemble

@@ -10,7 +10,8 @@ from addressed_dynamics import tracking
 from addressed_dynamics.models.addressed import AddressedDynamics
 from addressed_dynamics.models.files import load_network
 from addressed_dynamics.models.portable import PortableDynamics
-from addressed_dynamics.params import AddressingParams, EnsembleParams, load_params
+from addressed_dynamics.params import load_params
+from addressed_dynamics.params_training import AddressingParams, EnsembleParams
 from addressed_dynamics.reporting.document import build_report, headline
 from addressed_dynamics.reporting.origin import Origin
 from addressed_dynamics.reporting.paper import PAPER

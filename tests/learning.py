@@ -10,7 +10,9 @@ from addressed_dynamics.features.samples import Samples
 from addressed_dynamics.features.spec import FeatureSpec, fit_features
 from addressed_dynamics.models.addressed import AddressedDynamics
 from addressed_dynamics.models.stacked import StackedMLP
-from addressed_dynamics.params import AddressingTraining, EnsembleParams, FeatureParams, OptimiserParams
+from addressed_dynamics.params import FeatureParams
+from addressed_dynamics.params_base import OptimiserParams
+from addressed_dynamics.params_training import AddressingTraining, EnsembleParams
 from addressed_dynamics.transitions import ContinuousAction, Dimension, DiscreteAction, SpaceSpec, Transitions
 
 ARM = SpaceSpec(

@@ -9,7 +9,8 @@ from example_params import EXAMPLE, OPTIMISER, write_params
 from pydantic import ValidationError
 
 from addressed_dynamics.errors import ParamsError
-from addressed_dynamics.params import DqnBehaviour, ExperimentParams, RecordedRollouts, load_params, load_recipes
+from addressed_dynamics.params import ExperimentParams, RecordedRollouts, load_params, load_recipes
+from addressed_dynamics.params_recording import DqnBehaviour
 
 SINGLE = {"hidden": [8], "activation": "relu", "batch_size": 4}
 RECORDED = {"kind": "recorded", "episodes": 3, "steps": 20, "seed": 0}

@@ -5,139 +5,24 @@ from __future__ import annotations
 import json
 import reprlib
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import AfterValidator, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from addressed_dynamics.errors import ParamsError
-from addressed_dynamics.params_base import Count, Dropout, Positive, Section, Seed, Share
-from addressed_dynamics.params_base import OptimiserParams as OptimiserParams  # sections of two modules have it
+from addressed_dynamics.params_base import Count, Positive, Section, Seed, Share
+from addressed_dynamics.params_motion import MotionExperimentParams
+from addressed_dynamics.params_recording import EnvironmentParams, RecordParams
 from addressed_dynamics.params_source import SourceParams
-
-Action = int | tuple[float, ...]
-
-
-class EnvironmentParams(Section):
-    """Which environment to make, and how."""
-
-    id: str
-    """Gymnasium identifier, for instance `MountainCar-v0`."""
-    kwargs: dict[str, Any]
-    """Keyword arguments for `gymnasium.make`."""
-
-
-class DqnBehaviour(Section):
-    """A DQN (stable-baselines3) that learns while it is recorded."""
-
-    kind: Literal["dqn"]
-    frame_skip: Count
-    """Simulated steps in a decision, for which its action is held; each of them is recorded. The intervals below
-    count decisions."""
-    reward_scale: Positive
-    """What the rewards, summed over a decision, are multiplied by for the learner alone. It learns fast if returns are
-    some tens at most: the value network starts at zero, and beyond an error of 1 its loss pulls no harder."""
-    learning_rate: Positive
-    batch_size: Count
-    """Decisions per gradient step."""
-    buffer_size: Count
-    """Decisions kept for replay."""
-    learning_starts: Annotated[int, Field(ge=0)]
-    """Decisions, over all copies, before the first gradient step."""
-    discount: Share
-    """Of the return that follows a decision."""
-    return_steps: Count
-    """Decisions whose rewards a target sums before it asks the value network for the rest (n-step returns)."""
-    target_update_interval: Count
-    """Decisions, over all copies, between two copies of the value network to the target network."""
-    train_every: Count
-    """Decisions of each environment between two rounds of training."""
-    gradient_steps: Count
-    """Gradient steps in a round of training."""
-    exploration_share: Share
-    """Share of the segment over which epsilon falls from 1 to its final value."""
-    exploration_final: Share
-    """Final epsilon."""
-    exploration_hold_steps: Annotated[float, Field(ge=1.0)]
-    """Mean number of decisions for which a random action is held (geometric)."""
-    hidden: tuple[Count, ...]
-    """Widths of the value network's hidden layers."""
-
-
-class RandomBehaviour(Section):
-    """Actions drawn uniformly, each held for a random number of steps."""
-
-    kind: Literal["random"]
-    mean_hold_steps: Annotated[float, Field(ge=1.0)]
-    """Mean number of steps for which an action is held (geometric); 1 draws a new one every step."""
-
-
-class ConstantBehaviour(Section):
-    """The same action at every step."""
-
-    kind: Literal["constant"]
-    action: Action
-    """The action: its number if discrete, else its components in the environment's units."""
-
-
-class GreedyBehaviour(Section):
-    """The policy that an earlier `dqn` segment ended with, with its frame skip and a share of random actions."""
-
-    kind: Literal["greedy"]
-    segment: str
-    """Name of the earlier segment."""
-    epsilon: Share
-    """Share of decisions drawn uniformly."""
-
-
-Behaviour = Annotated[DqnBehaviour | RandomBehaviour | ConstantBehaviour | GreedyBehaviour, Field(discriminator="kind")]
-
-
-class SegmentParams(Section):
-    """One part of a recording plan: who acts, where, for how long."""
-
-    name: Annotated[str, Field(pattern=r"^[a-z0-9_]+$")]
-    behaviour: Behaviour
-    environment: EnvironmentParams
-    environments: Count
-    """Copies of the environment that run side by side."""
-    transitions: Count
-    """Transitions to record, over all copies; a multiple of their number."""
-    seed: Seed
-    """Copy i is first reset with this seed plus i."""
-
-    @model_validator(mode="after")
-    def _copies_share_equally(self) -> SegmentParams:
-        if self.transitions % self.environments:
-            message = f"{self.transitions} transitions cannot be shared equally by {self.environments} environments"
-            raise ValueError(message)
-        return self
-
-
-class RecordParams(Section):
-    """The recording plan."""
-
-    shard_transitions: Count
-    """A log file is closed at the end of the episode in which it reaches this many transitions."""
-    segments: Annotated[tuple[SegmentParams, ...], Field(min_length=1)]
-
-    @model_validator(mode="after")
-    def _segments_fit(self) -> RecordParams:
-        learners: set[str] = set()
-        names: set[str] = set()
-        for segment in self.segments:
-            if segment.name in names:
-                message = f"two segments are called '{segment.name}'"
-                raise ValueError(message)
-            behaviour = segment.behaviour
-            if isinstance(behaviour, GreedyBehaviour) and behaviour.segment not in learners:
-                message = f"segment '{segment.name}' follows '{behaviour.segment}', which is no earlier dqn segment"
-                raise ValueError(message)
-            names.add(segment.name)
-            if isinstance(behaviour, DqnBehaviour):
-                learners.add(segment.name)
-        return self
+from addressed_dynamics.params_training import (
+    AddressingParams,
+    AddressingTraining,
+    BaselinesParams,
+    EnsembleParams,
+    RecipeChanges,
+)
 
 
 class ConvertParams(Section):
@@ -190,117 +75,6 @@ class FeatureParams(Section):
     """Where the angles' velocities come from: differences of successive angles, as in the paper, or the network."""
 
 
-class EnsembleParams(Section):
-    """Phase 1: Algorithm 1 and the subnetworks."""
-
-    seeds: Annotated[tuple[Seed, ...], Field(min_length=1)]
-    """One ensemble is trained from each seed; the first is the one that is delivered."""
-    members: Count
-    """Number of subnetworks, n in the paper."""
-    hidden: tuple[Count, ...]
-    """Widths of the hidden layers."""
-    activation: Literal["relu", "tanh", "elu"]
-    loss: Literal["mse", "mae", "mae+mse"]
-    optimiser: OptimiserParams
-    batch_size: Count
-    """Samples per member and update."""
-    dropout: Dropout = 0.0
-    """Share of every layer's inputs that are set to 0 in an update."""
-    epochs: Count
-    cluster_epochs: Count
-    """Bins are made anew in the first so many epochs and kept after that; as many as `epochs` is the paper's way."""
-    restart: bool = False
-    """Whether the networks start again, untrained, when the bins are kept: they then see nothing but their own bins."""
-    processes: Count
-    """Seeds that are trained at the same time, each in a process with one thread."""
-
-    @model_validator(mode="after")
-    def _restarts_before_the_end(self) -> EnsembleParams:
-        if self.restart and self.cluster_epochs >= self.epochs:
-            message = (
-                f"with restart, cluster_epochs should be below epochs, or nothing is trained after it, but they are "
-                f"{self.cluster_epochs} and {self.epochs}"
-            )
-            raise ValueError(message)
-        return self
-
-
-class AddressingTraining(Section):
-    """How an addressing network is made and trained."""
-
-    hidden: tuple[Count, ...]
-    """Widths of the hidden layers; of the trunk's layers, if there are `heads`."""
-    heads: tuple[Count, ...]
-    """Widths of the hidden layers of one head for each member; empty: one output layer for all."""
-    activation: Literal["relu", "tanh", "elu"]
-    optimiser: OptimiserParams
-    batch_size: Count
-    dropout: Dropout = 0.0
-    """Share of every layer's inputs that are set to 0 in an update."""
-    epochs: Count
-    tie_share: Share
-    """Share of the weight that `cost_sensitive` spreads evenly, so that near ties are decided too; 1 makes it plain."""
-
-
-class AddressingParams(AddressingTraining):
-    """Phase 2: the addressing network."""
-
-    variants: Annotated[tuple[Literal["plain", "cost_sensitive"], ...], Field(min_length=1)]
-    """Which ones to train: `plain` is the paper's; `cost_sensitive` weighs a sample by what a wrong choice costs."""
-    deliver: Literal["best", "plain", "cost_sensitive"]
-    """Which one becomes part of the model: a variant, or the one with the lowest regret on validation episodes."""
-    processes: Count
-    """Networks that are trained at the same time, each in a process with one thread."""
-
-    @model_validator(mode="after")
-    def _delivers_what_is_trained(self) -> AddressingParams:
-        if self.deliver != "best" and self.deliver not in self.variants:
-            message = f"deliver is '{self.deliver}', which is not among the variants"
-            raise ValueError(message)
-        return self
-
-
-class SingleNetwork(Section):
-    """One plain network; what is not here is as for the ensemble."""
-
-    hidden: tuple[Count, ...]
-    """Widths of the hidden layers."""
-    activation: Literal["relu", "tanh", "elu"]
-    batch_size: Count
-    """Samples per update."""
-
-
-def _is_free(name: str) -> str:
-    if name in {"total_parameters", "unequal_bins", "random_bins", "pair", "ensemble"}:
-        message = f"'{name}' has a meaning already; give the network another name"
-        raise ValueError(message)
-    return name
-
-
-BaselineName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$"), AfterValidator(_is_free)]
-"""Name of a single network: it becomes a folder, and a title in figures."""
-
-
-class BaselinesParams(Section):
-    """What the ensemble is compared with; same data, same number of updates."""
-
-    train: tuple[Literal["total_parameters", "unequal_bins", "random_bins", "other_recipe"], ...]
-    """`total_parameters`: one network with as many parameters as the ensemble; `unequal_bins`: each sample to its best
-    member; `random_bins`: fixed random bins; `other_recipe`: the ensemble with the paper's recipe, or, if that is the
-    one chosen, with the default."""
-    single_networks: dict[BaselineName, SingleNetwork]
-    """More single networks, under names of their own; all of them are trained."""
-    pair_epochs: Annotated[int, Field(ge=0)]
-    """Epochs of an ensemble of two that is trained for a figure alone (the paper's Fig. 2), from the first seed; 0: no
-    such ensemble."""
-    seeds: Annotated[tuple[Seed, ...], Field(min_length=1)]
-    """One of each is trained from each seed."""
-    addressing: AddressingTraining
-    """The addressing networks of `unequal_bins`, `random_bins` and `other_recipe`, trained on plain argmin targets."""
-    processes: Count
-    """Networks that are trained at the same time, each in a process with one thread."""
-
-
 class EnvironmentRollouts(Section):
     """Free-running rollouts beside an environment that acts under a behaviour no model has seen."""
 
@@ -338,14 +112,6 @@ class EvaluationParams(Section):
     rollouts: Annotated[EnvironmentRollouts | RecordedRollouts, Field(discriminator="kind")]
 
 
-class RecipeChanges(Section):
-    """What another recipe changes: some keys of some sections, which it takes the place of."""
-
-    features: dict[str, Any] = Field(default_factory=dict)
-    ensemble: dict[str, Any] = Field(default_factory=dict)
-    addressing: dict[str, Any] = Field(default_factory=dict)
-
-
 class ExperimentParams(Section):
     """All sections of one experiment; its transitions are either recorded or imported."""
 
@@ -376,6 +142,8 @@ class ExperimentParams(Section):
 
 _FORMS = {"int", "tuple[float, ...]"}
 """What pydantic adds to a key's path where a value may be of several types."""
+_LISTS = {"imported", "motions"}
+"""Mappings at the top of a params file that are no experiments."""
 _CHOOSERS = ("kind", "by")
 """Keys whose value chooses one of several forms of their section; pydantic adds this value to the path."""
 
@@ -384,8 +152,8 @@ def load_params(path: Path, experiment: str) -> ExperimentParams:
     """Read the section of `experiment` from the params file at `path`, with the recipe it asks for.
 
     Raises:
-        ParamsError: the file is missing or is not YAML, the experiment is not in it, or a key in its section is
-            unknown, missing or of a wrong type; the message gives the key's path.
+        ParamsError: the file is missing or is not YAML, the experiment is not in it or is one of motion, or a key in
+            its section is unknown, missing or of a wrong type; the message gives the key's path.
     """
     return load_recipes(path, experiment)[0]
 
@@ -396,21 +164,40 @@ def load_recipes(path: Path, experiment: str) -> tuple[ExperimentParams, Experim
     Raises:
         ParamsError: as in `load_params`.
     """
-    document = _read_yaml(path)
-    if experiment not in document:
-        sections = [name for name in document if isinstance(document[name], dict) and name != "imported"]
-        known = ", ".join(map(str, sections)) or "none"
-        message = f"{path}: there is no experiment '{experiment}' in it (experiments there: {known})"
+    return _load_recipes(path, experiment, _environment_section(path, experiment), ExperimentParams)
+
+
+def load_motion_params(path: Path, experiment: str) -> MotionExperimentParams:
+    """Read the section of an experiment with motion capture, with the recipe it asks for.
+
+    Raises:
+        ParamsError: as in `load_params`, or the experiment is one of an environment.
+    """
+    return load_motion_recipes(path, experiment)[0]
+
+
+def load_motion_recipes(path: Path, experiment: str) -> tuple[MotionExperimentParams, MotionExperimentParams]:
+    """Read such a section once with the recipe asked for and once with the other.
+
+    Raises:
+        ParamsError: as in `load_motion_params`.
+    """
+    section = _read_section(path, experiment)
+    if not _is_motion(section):
+        message = f"{path}: {experiment}: expected an experiment with 'kind: motion', but it is one of an environment"
         raise ParamsError(message)
-    section = document[experiment]
-    default = _validated(path, experiment, section)
-    changes = default.paper_recipe
-    changed = {**section, **{name: {**section[name], **keys} for name, keys in changes}}
-    training = {key: value for key, value in changes.addressing.items() if key in AddressingTraining.model_fields}
-    baselines = section["baselines"]
-    changed["baselines"] = {**baselines, "addressing": {**baselines["addressing"], **training}}
-    paper = _validated(path, experiment, changed)
-    return (default, paper) if default.recipe == "default" else (paper, default)
+    return _load_recipes(path, experiment, section, MotionExperimentParams)
+
+
+def load_trained_params(path: Path, experiment: str) -> ExperimentParams | MotionExperimentParams:
+    """Read the section of an experiment of either kind, with the recipe it asks for.
+
+    Raises:
+        ParamsError: as in `load_params`.
+    """
+    if _is_motion(_read_section(path, experiment)):
+        return load_motion_params(path, experiment)
+    return load_params(path, experiment)
 
 
 def load_record_params(path: Path, experiment: str) -> RecordParams:
@@ -445,9 +232,50 @@ def load_source_params(path: Path, experiment: str) -> SourceParams:
     return source
 
 
-def _validated(path: Path, experiment: str, section: Any) -> ExperimentParams:
+_Experiment = TypeVar("_Experiment", ExperimentParams, MotionExperimentParams)
+
+
+def _load_recipes(
+    path: Path, experiment: str, section: Any, form: type[_Experiment]
+) -> tuple[_Experiment, _Experiment]:
+    default = _validated(path, experiment, section, form)
+    changes = default.paper_recipe
+    changed = {**section, **{name: {**section.get(name, {}), **keys} for name, keys in changes}}
+    training = {key: value for key, value in changes.addressing.items() if key in AddressingTraining.model_fields}
+    baselines = section["baselines"]
+    changed["baselines"] = {**baselines, "addressing": {**baselines["addressing"], **training}}
+    paper = _validated(path, experiment, changed, form)
+    return (default, paper) if default.recipe == "default" else (paper, default)
+
+
+def _environment_section(path: Path, experiment: str) -> Any:
+    section = _read_section(path, experiment)
+    if _is_motion(section):
+        message = (
+            f"{path}: {experiment}: expected an experiment with an environment, but this one is of motion capture; "
+            "name it under 'motions' in params.yaml, not under 'environments'"
+        )
+        raise ParamsError(message)
+    return section
+
+
+def _read_section(path: Path, experiment: str) -> Any:
+    document = _read_yaml(path)
+    if experiment not in document:
+        sections = [name for name in document if isinstance(document[name], dict) and name not in _LISTS]
+        known = ", ".join(map(str, sections)) or "none"
+        message = f"{path}: there is no experiment '{experiment}' in it (experiments there: {known})"
+        raise ParamsError(message)
+    return document[experiment]
+
+
+def _is_motion(section: Any) -> bool:
+    return isinstance(section, dict) and section.get("kind") == "motion"
+
+
+def _validated(path: Path, experiment: str, section: Any, form: type[_Experiment]) -> _Experiment:
     try:
-        return ExperimentParams.model_validate_json(json.dumps(section))
+        return form.model_validate_json(json.dumps(section))
     except ValidationError as error:
         raise ParamsError(_one_line(path, experiment, section, error)) from error
     except TypeError as error:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
 from addressed_dynamics.params_base import Count, Dropout, OptimiserParams, Positive, Section, Seed, Share
+from addressed_dynamics.params_training import AddressingParams, AddressingTraining, EnsembleParams, RecipeChanges
 
 
 class MotionConvertParams(Section):
@@ -61,7 +62,7 @@ class AugmentationParams(Section):
     disagree, as they do when a player asks for what no clip shows."""
 
 
-class BlendedTraining(Section):
+class BlendedNetwork(Section):
     """Networks whose parameters are mixed for every frame, by its phase or by a gate that is trained with them."""
 
     hidden: tuple[Count, ...]
@@ -74,8 +75,82 @@ class BlendedTraining(Section):
     loss: Literal["mse", "mae", "mae+mse"]
     optimiser: OptimiserParams
     batch_size: Count
-    epochs: Count
     dropout: Dropout = 0.3
     """Share of every layer's inputs that are set to 0 in an update."""
     weight_penalty: Annotated[float, Field(ge=0.0)] = 0.01
     """Weight in the loss of the mean absolute value of the parameters, a mean over the layers' weights and biases."""
+
+
+class BlendedTraining(BlendedNetwork):
+    """The same with the length of its training."""
+
+    epochs: Count
+
+
+class MotionBaselinesParams(Section):
+    """What the ensemble is compared with; same frames, same number of updates."""
+
+    train: tuple[Literal["other_recipe", "same_size", "total_parameters", "phase_functioned", "learned_blend"], ...]
+    """`other_recipe`: the ensemble with the paper's recipe, or, if that is the one chosen, with the default;
+    `same_size`: one network like a member; `total_parameters`: one with as many parameters as the ensemble;
+    `phase_functioned`: PFNN, with its own features and without augmentation; `learned_blend`: parameters mixed by a
+    gate that is trained with them."""
+    phase_functioned: BlendedNetwork
+    learned_blend: BlendedNetwork
+    addressing: AddressingTraining
+    """The addressing network of `other_recipe`, trained on plain argmin targets."""
+    seeds: Annotated[tuple[Seed, ...], Field(min_length=1)]
+    """One of each is trained from each seed."""
+    processes: Count
+    """Networks that are trained at the same time, each in a process with one thread."""
+
+
+class WalkerParams(Section):
+    """Clips that are made up, so that the experiment runs on a machine without motion capture."""
+
+    minutes: Positive
+    """Length of all clips together, mirrors included."""
+    seed: Seed
+
+
+class ClosedLoopParams(Section):
+    """The scripts of commands by which the addressing mode is chosen; the one that is judged is fixed."""
+
+    validation_seed: Seed
+    validation_scripts: Count
+    validation_seconds: Positive
+    """Length of each."""
+
+
+class MotionEvaluationParams(Section):
+    """What is measured on held-out frames and in the closed loop."""
+
+    closed_loop: ClosedLoopParams
+    released: str | None = None
+    """File (npz of control points) or folder (50 phases) of the published network, to be judged too; null without."""
+
+
+class MotionRecipe(RecipeChanges):
+    """What another recipe changes in an experiment of motion."""
+
+    augmentation: dict[str, Any] = Field(default_factory=dict)
+
+
+class MotionExperimentParams(Section):
+    """All sections of one experiment with motion capture."""
+
+    kind: Literal["motion"]
+    title: str
+    recipe: Literal["default", "paper"] = "default"
+    """Whether the sections below hold as they are, or with what `paper_recipe` changes."""
+    paper_recipe: MotionRecipe = Field(default_factory=MotionRecipe)
+    """What the paper does otherwise; its addressing holds for `baselines.addressing` too."""
+    walker: WalkerParams | None = None
+    """How made-up clips are made; absent if there are real ones."""
+    convert: MotionConvertParams
+    features: MotionFeatureParams
+    augmentation: AugmentationParams
+    ensemble: EnsembleParams
+    addressing: AddressingParams
+    baselines: MotionBaselinesParams
+    evaluation: MotionEvaluationParams

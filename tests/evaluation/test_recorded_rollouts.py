@@ -18,7 +18,8 @@ from addressed_dynamics.evaluation.points import Points
 from addressed_dynamics.evaluation.rollouts import evaluate_rollouts, rollout_errors, summarise_rollouts
 from addressed_dynamics.evaluation.suite import figure_arrays
 from addressed_dynamics.evaluation.truth import TrueRollouts, replay_recorded, true_rollouts
-from addressed_dynamics.params import EnvironmentParams, EnvironmentRollouts, RecordedRollouts
+from addressed_dynamics.params import EnvironmentRollouts, RecordedRollouts
+from addressed_dynamics.params_recording import EnvironmentParams
 from addressed_dynamics.transitions import COLUMNS, SpaceSpec, Transitions
 
 

@@ -13,7 +13,8 @@ from addressed_dynamics.errors import EvaluationError
 from addressed_dynamics.evaluation.rollouts import rollout_errors, summarise_rollouts
 from addressed_dynamics.evaluation.spreads import against_horizon
 from addressed_dynamics.evaluation.truth import TrueRollouts, record_true_rollouts
-from addressed_dynamics.params import EnvironmentParams, EnvironmentRollouts
+from addressed_dynamics.params import EnvironmentRollouts
+from addressed_dynamics.params_recording import EnvironmentParams
 from addressed_dynamics.transitions import Dimension
 
 CONTINUING = "addressed_dynamics/MountainCarContinuing-v0"

@@ -15,7 +15,7 @@ from example_params import EXAMPLE
 from addressed_dynamics.evaluation.physics import SIMULATIONS
 from addressed_dynamics.evaluation.specialisation import specialisation
 from addressed_dynamics.features.spec import Angle, FeatureSpec, predicted_dimensions
-from addressed_dynamics.params import AddressingParams, EnsembleParams
+from addressed_dynamics.params_training import AddressingParams, EnsembleParams
 from addressed_dynamics.reporting.origin import Origin
 from addressed_dynamics.reporting.records import Evaluation, Recipe
 from addressed_dynamics.transitions import ContinuousAction, SpaceSpec

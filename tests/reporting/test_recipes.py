@@ -19,7 +19,7 @@ from report_examples import (
 )
 
 from addressed_dynamics.errors import ReportError
-from addressed_dynamics.params import AddressingParams
+from addressed_dynamics.params_training import AddressingParams
 from addressed_dynamics.reporting.blocks import Facts, Table
 from addressed_dynamics.reporting.origin import run_facts
 from addressed_dynamics.reporting.paper import PAPER, PaperFigures

@@ -11,7 +11,7 @@ from learning import ADDRESSING, car_samples
 
 from addressed_dynamics.errors import TrainingError
 from addressed_dynamics.features.samples import Samples
-from addressed_dynamics.params import AddressingTraining
+from addressed_dynamics.params_training import AddressingTraining
 from addressed_dynamics.training.addressing import (
     Variant,
     addressing_metrics,

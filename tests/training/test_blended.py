@@ -13,7 +13,7 @@ from addressed_dynamics.features.motion import fit_motion_features
 from addressed_dynamics.models.motion import MotionModel
 from addressed_dynamics.models.phase_functioned import catmull_rom
 from addressed_dynamics.models.stacked import StackedMLP
-from addressed_dynamics.params import OptimiserParams
+from addressed_dynamics.params_base import OptimiserParams
 from addressed_dynamics.params_motion import BlendedTraining, MotionFeatureParams
 from addressed_dynamics.training.blended import (
     BlendedEpoch,

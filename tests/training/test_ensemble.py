@@ -12,7 +12,7 @@ from learning import ENSEMBLE, car_samples
 
 from addressed_dynamics.errors import TrainingError
 from addressed_dynamics.features.samples import Samples
-from addressed_dynamics.params import EnsembleParams
+from addressed_dynamics.params_training import EnsembleParams
 from addressed_dynamics.training.checkpoints import Checkpoint
 from addressed_dynamics.training.clustering import assign_to_bins
 from addressed_dynamics.training.ensemble import (

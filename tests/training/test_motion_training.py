@@ -10,8 +10,9 @@ from motions import make_motion
 from torch import Tensor
 
 from addressed_dynamics.features.motion import fit_motion_features
-from addressed_dynamics.params import AddressingTraining, EnsembleParams, OptimiserParams
+from addressed_dynamics.params_base import OptimiserParams
 from addressed_dynamics.params_motion import AugmentationParams, MotionFeatureParams
+from addressed_dynamics.params_training import AddressingTraining, EnsembleParams
 from addressed_dynamics.training.addressing import train_addressing
 from addressed_dynamics.training.checkpoints import Checkpoint
 from addressed_dynamics.training.ensemble import evaluate_profiles, train_ensemble

@@ -14,7 +14,7 @@ from addressed_dynamics.features.spec import FeatureSpec
 from addressed_dynamics.models.addressed import MODES, AddressedDynamics, Mode
 from addressed_dynamics.models.files import SavedNetwork, load_network, read_index
 from addressed_dynamics.models.stacked import StackedMLP
-from addressed_dynamics.params import AddressingTraining, EnsembleParams
+from addressed_dynamics.params_training import AddressingTraining, EnsembleParams
 from addressed_dynamics.training.baselines import OTHER_RECIPE
 
 MEAN = "ensemble/mean"

@@ -78,9 +78,7 @@ def baseline_candidates(folder: Path) -> list[MotionCandidate]:
     for key in read_index(folder, "baselines.json")["trained"]:
         name, seed = key.split("/seed-")
         model = MotionModel.load(folder / key)
-        candidates.append(
-            MotionCandidate(name, int(seed), BASELINE_LABELS[name], model.parameters, model.predictor())
-        )
+        candidates.append(MotionCandidate(name, int(seed), BASELINE_LABELS[name], model.parameters, model.predictor()))
     return candidates
 
 
@@ -105,9 +103,7 @@ def reference_candidates(train: Motion, validation: Motion, released: Path | Non
     ]
     if released is not None:
         model = MotionModel.load_released(released)
-        candidates.append(
-            MotionCandidate("released", None, "PFNN, as published", model.parameters, model.predictor())
-        )
+        candidates.append(MotionCandidate("released", None, "PFNN, as published", model.parameters, model.predictor()))
     return candidates
 
 

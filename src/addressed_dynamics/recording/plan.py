@@ -13,7 +13,7 @@ import numpy as np
 
 import addressed_dynamics.envs  # noqa: F401 # registers the paper's environments
 from addressed_dynamics.errors import RecordingError
-from addressed_dynamics.params import (
+from addressed_dynamics.params_recording import (
     ConstantBehaviour,
     DqnBehaviour,
     EnvironmentParams,

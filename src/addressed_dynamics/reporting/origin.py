@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from addressed_dynamics.features.spec import FeatureSpec
-from addressed_dynamics.params import AddressingParams, EnsembleParams
+from addressed_dynamics.params_training import AddressingParams, EnsembleParams
 from addressed_dynamics.reporting.blocks import Facts
 from addressed_dynamics.reporting.numbers import listed
 from addressed_dynamics.reporting.records import Recipe

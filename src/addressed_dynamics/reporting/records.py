@@ -8,7 +8,8 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from addressed_dynamics.errors import ReportError
-from addressed_dynamics.params import AddressingTraining, EnsembleParams, FeatureParams
+from addressed_dynamics.params import FeatureParams
+from addressed_dynamics.params_training import AddressingTraining, EnsembleParams
 
 
 class Record(BaseModel):

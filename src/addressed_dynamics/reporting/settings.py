@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from addressed_dynamics.params import AddressingTraining, EnsembleParams, FeatureParams, OptimiserParams
+from addressed_dynamics.params import FeatureParams
+from addressed_dynamics.params_base import OptimiserParams
+from addressed_dynamics.params_training import AddressingTraining, EnsembleParams
 from addressed_dynamics.reporting.numbers import listed, percent
 from addressed_dynamics.reporting.records import Recipe
 

@@ -11,7 +11,7 @@ from addressed_dynamics.errors import TrainingError
 from addressed_dynamics.features.samples import Samples
 from addressed_dynamics.models.addressing import addressing_scores
 from addressed_dynamics.models.stacked import StackedMLP, in_chunks
-from addressed_dynamics.params import AddressingTraining
+from addressed_dynamics.params_training import AddressingTraining
 from addressed_dynamics.training.augmentation import Augment
 from addressed_dynamics.training.checkpoints import Checkpoint
 from addressed_dynamics.training.epochs import Epoch, batches, updates_per_epoch

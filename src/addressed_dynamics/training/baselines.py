@@ -3,13 +3,8 @@
 import math
 from dataclasses import dataclass
 
-from addressed_dynamics.params import (
-    AddressingTraining,
-    BaselinesParams,
-    EnsembleParams,
-    ExperimentParams,
-    FeatureParams,
-)
+from addressed_dynamics.params import ExperimentParams, FeatureParams
+from addressed_dynamics.params_training import AddressingTraining, BaselinesParams, EnsembleParams
 from addressed_dynamics.training.ensemble import Binning
 from addressed_dynamics.training.epochs import updates_per_epoch
 

@@ -10,7 +10,7 @@ from torch import Tensor
 from addressed_dynamics.errors import TrainingError
 from addressed_dynamics.features.samples import Samples
 from addressed_dynamics.models.stacked import StackedMLP, in_chunks
-from addressed_dynamics.params import EnsembleParams
+from addressed_dynamics.params_training import EnsembleParams
 from addressed_dynamics.training.augmentation import Augment
 from addressed_dynamics.training.checkpoints import Checkpoint
 from addressed_dynamics.training.clustering import assign_to_bins
