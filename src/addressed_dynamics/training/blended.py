@@ -147,52 +147,79 @@ def _train(
         raise TrainingError(message)
     generator = named_generator(seed, "blended/batches")
     per_epoch = updates_per_epoch(len(train), 1, params.batch_size)
-    parameters = [*stack.parameters(), *([] if gate is None else gate.parameters())]
-    adam = FlatAdam(parameters, params.optimiser, params.epochs * per_epoch)
-    penalties = [params.weight_penalty / len(list(stack.parameters())) / each.numel() for each in stack.parameters()]
+    trainer = _BlendedTrainer(stack, gate, params, params.epochs * per_epoch, generator)
     history, state = checkpoint.load() if checkpoint else ([], {})
     if history:
         generator.set_state(state.pop("generator"))
-        adam.restore(state)
+        trainer.adam.restore(state)
     for epoch, metrics in enumerate(history, start=1):
         yield BlendedEpoch(epoch, epoch == params.epochs, epoch * per_epoch, metrics, stack, gate)
-    one_bin, everything = torch.zeros(len(train), dtype=torch.int64), torch.arange(len(validation))
+    one_bin = torch.zeros(len(train), dtype=torch.int64)
     for epoch in range(len(history) + 1, params.epochs + 1):
-        rate, total, updates = adam.learning_rate, 0.0, 0
+        rate, total = trainer.adam.learning_rate, 0.0
         for batch in batches(one_bin, 1, params.batch_size, generator):
-            rows, weight = batch.rows[0], batch.weight[0]
+            rows = batch.rows[0]
             x, y = train.x[rows], train.y[rows]
             if augment is not None:
                 x, y = augment(x, y, generator)
-            with torch.enable_grad():
-                output = forward_with_dropout(stack, x, on_train(x, rows), params.dropout, generator)
-                loss = (loss_profile(output.unsqueeze(0), y, params.loss).squeeze(1) * weight).sum()
-            gradients = torch.autograd.grad(loss, parameters)
-            for place, gradient in zip(adam.gradients, gradients, strict=True):
-                place.copy_(gradient)
-            for place, value, penalty in zip(adam.gradients, adam.values, penalties, strict=False):
-                place.add_(value.sign(), alpha=penalty)
-            adam.step()
-            total += float(loss.detach())
-            updates += 1
+            total += trainer.update(x, y, batch.weight[0], on_train, rows)
         if not total < float("inf"):
             message = "the training loss is not finite any more: lower the learning rate"
             raise TrainingError(message)
-        metrics = {"loss/train": total / updates, "learning_rate": rate}
-        metrics["loss/validation"] = _loss(stack, on_validation, validation, everything, reported_loss(params.loss))
+        metrics = {"loss/train": total / per_epoch, "learning_rate": rate}
+        metrics["loss/validation"] = _loss(stack, on_validation, validation, reported_loss(params.loss))
         history.append(metrics)
         if checkpoint:
-            checkpoint.save(history, {**adam.state(), "generator": generator.get_state()})
+            checkpoint.save(history, {**trainer.adam.state(), "generator": generator.get_state()})
         yield BlendedEpoch(epoch, epoch == params.epochs, epoch * per_epoch, metrics, stack, gate)
 
 
-def _loss(
-    stack: StackedMLP, coefficients: Coefficients, samples: Samples, rows: Int64[Tensor, " sample"], loss: str
-) -> float:
+class _BlendedTrainer:
+    """Adam on networks through the mixture of their parameters, and on the gate that mixes them, if there is one."""
+
+    def __init__(
+        self,
+        stack: StackedMLP,
+        gate: StackedMLP | None,
+        params: BlendedTraining,
+        total_updates: int,
+        generator: torch.Generator,
+    ) -> None:
+        self._stack = stack
+        self._params = params
+        self._generator = generator
+        self._parameters = [*stack.parameters(), *([] if gate is None else gate.parameters())]
+        self.adam = FlatAdam(self._parameters, params.optimiser, total_updates)
+        own = list(stack.parameters())
+        self._penalties = [params.weight_penalty / len(own) / parameter.numel() for parameter in own]
+
+    def update(
+        self,
+        x: Float[Tensor, "sample input"],
+        y: Float[Tensor, "sample output"],
+        weight: Float[Tensor, " sample"],
+        coefficients: Coefficients,
+        rows: Int64[Tensor, " sample"],
+    ) -> float:
+        """Train on a batch; return its loss, without the penalty, before the update."""
+        with torch.enable_grad():
+            output = forward_with_dropout(self._stack, x, coefficients(x, rows), self._params.dropout, self._generator)
+            loss = (loss_profile(output.unsqueeze(0), y, self._params.loss).squeeze(1) * weight).sum()
+        computed = torch.autograd.grad(loss, self._parameters)
+        for place, gradient in zip(self.adam.gradients, computed, strict=True):
+            place.copy_(gradient)
+        # The stack's parameters come first; the gate's are not penalised.
+        for place, value, penalty in zip(self.adam.gradients, self.adam.values, self._penalties, strict=False):
+            place.add_(value.sign(), alpha=penalty)
+        self.adam.step()
+        return float(loss.detach())
+
+
+def _loss(stack: StackedMLP, coefficients: Coefficients, samples: Samples, loss: str) -> float:
     """Return the mean loss of the mixed networks on `samples`, as they are used."""
 
     def profiles(some: Tensor) -> Tensor:
         x, y = samples.x[some], samples.y[some]
         return loss_profile(stack.forward_blended(x, coefficients(x, some)).unsqueeze(0), y, loss).squeeze(1)
 
-    return float(in_chunks(profiles, rows, sample_dim=0).double().mean())
+    return float(in_chunks(profiles, torch.arange(len(samples)), sample_dim=0).double().mean())
