@@ -71,13 +71,29 @@ def run_stage(main: Callable[[str, Path], None]) -> NoReturn:
     and 143 after SIGTERM; then stderr ends in one line that says what happened. Any other exception is a bug and shows
     its traceback.
     """
-    parser = argparse.ArgumentParser(description=sys.modules[main.__module__].__doc__)
+    options = _parser(main.__module__).parse_args()
+    _end_well(lambda: main(options.experiment, options.params))
+
+
+def run_import(main: Callable[[str, Path, Path], None]) -> NoReturn:
+    """Call `main(experiment, params_file, source)` likewise: for stages that read what is not the pipeline's own."""
+    parser = _parser(main.__module__)
+    parser.add_argument("--source", required=True, type=Path, help="file or folder to import")
+    options = parser.parse_args()
+    _end_well(lambda: main(options.experiment, options.params, options.source))
+
+
+def _parser(module: str) -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(description=sys.modules[module].__doc__)
     parser.add_argument("--experiment", required=True, help="section of the params file, for instance mountaincar")
     parser.add_argument("--params", required=True, type=Path, help="params file, for instance params.yaml")
-    options = parser.parse_args()
+    return parser
+
+
+def _end_well(stage: Callable[[], None]) -> NoReturn:
     signal.signal(signal.SIGTERM, _raise_terminated)
     try:
-        main(options.experiment, options.params)
+        stage()
     except (AddressedDynamicsError, OSError) as error:
         _end(f"error: {error}", error, status=1)
     except KeyboardInterrupt as interrupt:

@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from addressed_dynamics.features.spec import FeatureSpec
 from addressed_dynamics.files import atomic_path, write_json
 from addressed_dynamics.models.files import SavedNetwork, save_network
 from addressed_dynamics.models.stacked import StackedMLP
@@ -19,11 +20,11 @@ from addressed_dynamics.training.epochs import Epoch
 from addressed_dynamics.training.losses import reported_loss
 from addressed_dynamics.training.runtime import prepare_torch
 from pipeline.common import checkpoints_dir, models_dir, reports_dir, run_stage
+from pipeline.environment_training import load_training_data
 from pipeline.training import (
     Stage,
     TrackedJob,
     TrainingData,
-    load_training_data,
     remove_checkpoints,
     resumable,
     train_tracked,
@@ -89,7 +90,9 @@ def _settings(baseline: Baseline) -> dict[str, Any]:
     return {"ensemble": baseline.ensemble.model_dump(mode="json"), "addressing": addressing}
 
 
-def _ensemble_job(experiment: str, name: str, seed: int, baseline: Baseline, data: TrainingData) -> TrackedJob:
+def _ensemble_job(
+    experiment: str, name: str, seed: int, baseline: Baseline, data: TrainingData[FeatureSpec]
+) -> TrackedJob:
     unit = data.features.loss_unit(reported_loss(baseline.ensemble.loss))
     training = partial(train_ensemble, data.train, data.validation, baseline.ensemble, seed=seed, loss_unit=unit,
                        binning=baseline.binning)  # fmt: skip
@@ -99,7 +102,7 @@ def _ensemble_job(experiment: str, name: str, seed: int, baseline: Baseline, dat
 
 
 def _addressing_job(
-    experiment: str, name: str, seed: int, baseline: Baseline, data: TrainingData, network: StackedMLP
+    experiment: str, name: str, seed: int, baseline: Baseline, data: TrainingData[FeatureSpec], network: StackedMLP
 ) -> TrackedJob:
     loss = reported_loss(baseline.ensemble.loss)
     unit = data.features.loss_unit(loss)

@@ -1,4 +1,4 @@
-"""What the three training stages share: their data, and trainings that are tracked in MLflow while they run."""
+"""What the training stages share: their data, and trainings that are tracked in MLflow while they run."""
 
 import csv
 from collections.abc import Callable, Iterator, Mapping
@@ -6,45 +6,41 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from torch import Tensor
 
 from addressed_dynamics import tracking
+from addressed_dynamics.features.motion import MotionFeatures
 from addressed_dynamics.features.samples import Samples, fingerprint
-from addressed_dynamics.features.spec import FeatureSpec, fit_features
+from addressed_dynamics.features.spec import FeatureSpec
 from addressed_dynamics.files import atomic_path
-from addressed_dynamics.params import FeatureParams
-from addressed_dynamics.tables import load_transitions
+from addressed_dynamics.training.augmentation import Augment
 from addressed_dynamics.training.checkpoints import Checkpoint
 from addressed_dynamics.training.epochs import Epoch
 from addressed_dynamics.training.jobs import Job, run_jobs
 from pipeline.common import progress, tables_dir
 
+Features = TypeVar("Features", FeatureSpec, MotionFeatures)
+
 
 @dataclass(frozen=True)
-class TrainingData:
+class TrainingData(Generic[Features]):
     """The samples of an experiment, and how they were made."""
 
-    features: FeatureSpec
-    """Normalisation and targets, from the training episodes alone."""
+    features: Features
+    """Normalisation and targets, from the training split alone."""
     train: Samples
     """Samples to train on."""
     validation: Samples
     """Samples to choose by."""
+    augment: Augment | None = None
+    """What is done to batches before a network sees them; None for nothing."""
 
     @property
     def tensors(self) -> tuple[Tensor, ...]:
         """Everything a training may see."""
         return self.train.x, self.train.y, self.validation.x, self.validation.y
-
-
-def load_training_data(experiment: str, features: FeatureParams | FeatureSpec) -> TrainingData:
-    """Read the training and validation samples of `experiment`, with features to be fitted or those of a model."""
-    train = load_transitions(tables_dir(experiment), split="train")
-    validation = load_transitions(tables_dir(experiment), split="validation")
-    spec = features if isinstance(features, FeatureSpec) else fit_features(train, features)
-    return TrainingData(spec, spec.samples(train), spec.samples(validation))
 
 
 @dataclass(frozen=True)

@@ -253,7 +253,7 @@ def _environment_section(path: Path, experiment: str) -> Any:
     if _is_motion(section):
         message = (
             f"{path}: {experiment}: expected an experiment with an environment, but this one is of motion capture; "
-            "name it under 'motions' in params.yaml, not under 'environments'"
+            "name it under 'motions' in params.yaml, not under 'experiments'"
         )
         raise ParamsError(message)
     return section

@@ -11,13 +11,13 @@ import numpy as np
 import torch
 from jaxtyping import Float64, Int64
 
-from addressed_dynamics.evaluation.closed_loop.commands import Script, standard_script, validation_scripts
+from addressed_dynamics.evaluation.closed_loop.commands import Script, validation_scripts
 from addressed_dynamics.evaluation.closed_loop.judging import courses, judge
 from addressed_dynamics.evaluation.closed_loop.measures import MotionReference, data_reference
 from addressed_dynamics.evaluation.closed_loop.run import Trace, closed_loop, start_pose
 from addressed_dynamics.evaluation.closed_loop.score import closed_loop_score
 from addressed_dynamics.evaluation.ground import current_gait
-from addressed_dynamics.evaluation.motion_candidates import ENSEMBLE, MotionCandidate
+from addressed_dynamics.evaluation.motion_candidates import BASELINE_LABELS, ENSEMBLE, MotionCandidate
 from addressed_dynamics.evaluation.motion_one_step import block_deviation, one_step_errors
 from addressed_dynamics.evaluation.phase_use import phase_use
 from addressed_dynamics.evaluation.specialisation import specialisation
@@ -57,11 +57,6 @@ class ClosedLoopPlan:
     def for_choosing(self) -> tuple[Script, ...]:
         """The scripts by which the mode is chosen."""
         return validation_scripts(self.validation_seed, self.validation_scripts, self.validation_seconds)
-
-
-def standard_plan(seed: int, scripts: int, seconds: float) -> ClosedLoopPlan:
-    """Return the plan that is judged on the standard script."""
-    return ClosedLoopPlan(seed, scripts, seconds, standard_script())
 
 
 def evaluate_motion(
@@ -106,9 +101,25 @@ def best_mode(results: Mapping[str, Mapping[str, Any]]) -> str:
 
     def score(mode: str) -> float:
         own = [each for each in results.values() if each["group"] == f"{ENSEMBLE}/{mode}"]
-        return mean(each["closed_loop"]["validation_score"] for each in own)
+        return float(mean(each["closed_loop"]["validation_score"] for each in own))
 
     return max(MODES, key=score)
+
+
+def shown_candidates(candidates: Sequence[MotionCandidate], seed: int, mode: str) -> list[MotionCandidate]:
+    """Return what figures show: the delivered ensemble, and of each other group that was trained or published, one.
+
+    Args:
+        candidates: all there are.
+        seed: the one that is delivered.
+        mode: likewise.
+    """
+    others = (*BASELINE_LABELS, "released")
+    return [
+        each
+        for each in candidates
+        if each.seed in {seed, None} and (each.group == f"{ENSEMBLE}/{mode}" or each.group in others)
+    ]
 
 
 def evaluate_motion_addressing(model: MotionModel, motion: Motion, loss: str) -> dict[str, Any]:

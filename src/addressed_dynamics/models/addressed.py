@@ -13,7 +13,7 @@ from torch import Tensor
 from addressed_dynamics.errors import ModelError
 from addressed_dynamics.features.spec import FeatureSpec
 from addressed_dynamics.models.addressing import addressed_members, addressing_scores
-from addressed_dynamics.models.files import load_network, read_index
+from addressed_dynamics.models.files import addressed_folders, load_network
 from addressed_dynamics.models.stacked import StackedMLP
 
 Mode = Literal["argmax", "sample", "mixture", "blend"]
@@ -77,26 +77,9 @@ class AddressedDynamics:
         if not folder.is_dir():
             message = f"{folder}: no such model folder; 'dvc repro' trains it, 'dvc checkout' brings it back"
             raise ModelError(message)
-        index = read_index(folder / "addressing", "addressing.json")
-        try:
-            delivered: dict[str, str] = dict(index["delivered"])
-            variants: list[str] = list(index["variants"])
-        except (KeyError, TypeError, ValueError) as error:
-            message = (
-                f"{folder / 'addressing' / 'addressing.json'}: incomplete or malformed; run train_addressing again"
-            )
-            raise ModelError(message) from error
-        chosen_seed = next(iter(delivered)) if seed is None else str(seed)
-        if chosen_seed not in delivered:
-            message = f"{folder}: seed {seed} was not trained (seeds there: {', '.join(delivered)})"
-            raise ModelError(message)
-        chosen_variant = variant or delivered[chosen_seed]
-        if chosen_variant not in variants:
-            message = f"{folder}: there is no addressing variant '{variant}' (variants there: {', '.join(variants)})"
-            raise ModelError(message)
-        ensemble = load_network(folder / "ensemble" / f"seed-{chosen_seed}")
-        addressing = load_network(folder / "addressing" / f"seed-{chosen_seed}" / chosen_variant)
-        return AddressedDynamics(ensemble.features, ensemble.stack, addressing.stack)
+        ensemble_folder, addressing_folder = addressed_folders(folder, seed, variant)
+        ensemble = load_network(ensemble_folder)
+        return AddressedDynamics(ensemble.features, ensemble.stack, load_network(addressing_folder).stack)
 
     @torch.no_grad()
     def predict(

@@ -63,7 +63,7 @@ def load_network(folder: Path) -> SavedNetwork[FeatureSpec]:
         ModelError: a file is missing or damaged, is of another format, or the weights do not fit the architecture; or
             the network models motion.
     """
-    network = _load(folder)
+    network = load_any_network(folder)
     if not isinstance(network.features, FeatureSpec):
         message = f"{folder}: a model of motion, not of an environment; MotionModel loads it"
         raise ModelError(message)
@@ -76,14 +76,19 @@ def load_motion_network(folder: Path) -> SavedNetwork[MotionFeatures]:
     Raises:
         ModelError: as in `load_network`; or the network models an environment.
     """
-    network = _load(folder)
+    network = load_any_network(folder)
     if not isinstance(network.features, MotionFeatures):
         message = f"{folder}: a model of an environment, not of motion; AddressedDynamics loads it"
         raise ModelError(message)
     return SavedNetwork(network.stack, network.features, network.notes)
 
 
-def _load(folder: Path) -> SavedNetwork[FeatureSpec | MotionFeatures]:
+def load_any_network(folder: Path) -> SavedNetwork[FeatureSpec | MotionFeatures]:
+    """Read what `save_network` wrote, whatever it models.
+
+    Raises:
+        ModelError: as in `load_network`.
+    """
     config = _read_config(folder / "config.json")
     try:
         architecture = config["architecture"]
@@ -119,6 +124,35 @@ def _load(folder: Path) -> SavedNetwork[FeatureSpec | MotionFeatures]:
             raise ModelError(message)
     stack.load_state_dict(tensors)
     return SavedNetwork(stack.requires_grad_(False), features, notes)
+
+
+def addressed_folders(folder: Path, seed: int | None, variant: str | None) -> tuple[Path, Path]:
+    """Return the folders of an ensemble and of its addressing network in a folder of models.
+
+    Args:
+        folder: what the training stages wrote.
+        seed: which of the trained seeds; None for the first, which is the one delivered.
+        variant: which addressing network; None for the one delivered.
+
+    Raises:
+        ModelError: the index is missing or damaged, or the seed or variant was not trained.
+    """
+    index = read_index(folder / "addressing", "addressing.json")
+    try:
+        delivered: dict[str, str] = dict(index["delivered"])
+        variants: list[str] = list(index["variants"])
+    except (KeyError, TypeError, ValueError) as error:
+        message = f"{folder / 'addressing' / 'addressing.json'}: incomplete or malformed; run train_addressing again"
+        raise ModelError(message) from error
+    chosen_seed = next(iter(delivered)) if seed is None else str(seed)
+    if chosen_seed not in delivered:
+        message = f"{folder}: seed {seed} was not trained (seeds there: {', '.join(delivered)})"
+        raise ModelError(message)
+    chosen_variant = variant or delivered[chosen_seed]
+    if chosen_variant not in variants:
+        message = f"{folder}: there is no addressing variant '{variant}' (variants there: {', '.join(variants)})"
+        raise ModelError(message)
+    return folder / "ensemble" / f"seed-{chosen_seed}", folder / "addressing" / f"seed-{chosen_seed}" / chosen_variant
 
 
 def read_index(folder: Path, name: str) -> dict[str, Any]:

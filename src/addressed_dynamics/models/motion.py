@@ -15,7 +15,7 @@ from addressed_dynamics.errors import ModelError
 from addressed_dynamics.features.motion import MotionFeatures
 from addressed_dynamics.files import atomic_path
 from addressed_dynamics.models.addressing import addressed_members, addressing_scores
-from addressed_dynamics.models.files import SavedNetwork, load_motion_network, save_network
+from addressed_dynamics.models.files import SavedNetwork, addressed_folders, load_motion_network, save_network
 from addressed_dynamics.models.phase_functioned import CONTROL_POINTS, catmull_rom, load_released
 from addressed_dynamics.models.stacked import StackedMLP
 
@@ -73,16 +73,25 @@ class MotionModel:
         self.mode: MotionMode = mode
 
     @staticmethod
-    def load(folder: str | Path) -> MotionModel:
-        """Load what `save` wrote.
+    def load(folder: str | Path, *, seed: int | None = None, variant: str | None = None) -> MotionModel:
+        """Load what `save` wrote, or the ensemble in a folder of models that the training stages wrote.
+
+        Args:
+            folder: for instance `data/models/pfnn`.
+            seed: which of the ensembles; None for the first.
+            variant: which of its addressing networks; None for the one that is delivered.
 
         Raises:
-            ModelError: a file is missing or damaged, or is of something else.
+            ModelError: a file is missing or damaged, or is of something else; there is no such seed or variant.
         """
         folder = Path(folder)
         if not folder.is_dir():
             message = f"{folder}: no such model folder; 'dvc repro' trains it, 'dvc checkout' brings it back"
             raise ModelError(message)
+        if (folder / "ensemble").is_dir():
+            ensemble, addressing_folder = addressed_folders(folder, seed, variant)
+            trained = load_motion_network(ensemble)
+            return MotionModel(trained.features, trained.stack, load_motion_network(addressing_folder).stack)
         network = load_motion_network(folder / "network")
         mode = network.notes.get("mode")
         if mode not in MOTION_MODES:
@@ -101,6 +110,11 @@ class MotionModel:
         """
         network = load_released(Path(path))
         return MotionModel(network.features, network.stack, mode="phase")
+
+    @property
+    def parameters(self) -> int:
+        """Number of weights and biases of all its networks, that of the addressing network included."""
+        return self.networks.parameters_total + (self.addressing.parameters_total if self.addressing else 0)
 
     def save(self, folder: Path, notes: dict[str, Any]) -> None:
         """Write the model into `folder`, which appears whole or not at all.

@@ -1,7 +1,9 @@
 """What the ensemble is compared with: how each baseline is made to train as long as the ensemble does."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from addressed_dynamics.params import ExperimentParams, FeatureParams
 from addressed_dynamics.params_training import AddressingTraining, BaselinesParams, EnsembleParams
@@ -80,11 +82,22 @@ def single_network_params(
         outputs: its outputs.
         samples: number of training samples.
     """
-    updates = ensemble.epochs * updates_per_epoch(samples, ensemble.members, ensemble.batch_size)
     if name in baselines.single_networks:
         shape = dict(baselines.single_networks[name])
     else:
         shape = {"hidden": hidden_of_total_parameters(inputs, outputs, ensemble.hidden, ensemble.members)}
+    return as_single(ensemble, shape, samples)
+
+
+def as_single(ensemble: EnsembleParams, shape: Mapping[str, Any], samples: int) -> EnsembleParams:
+    """Return the training of one network that makes as many updates as the ensemble, up to a whole epoch.
+
+    Args:
+        ensemble: training of the ensemble.
+        shape: in what the network differs from a member.
+        samples: number of training samples.
+    """
+    updates = ensemble.epochs * updates_per_epoch(samples, ensemble.members, ensemble.batch_size)
     single = ensemble.model_copy(update={"members": 1, "cluster_epochs": 1, "restart": False, **shape})
     epochs = math.ceil(updates / updates_per_epoch(samples, 1, single.batch_size))
     return single.model_copy(update={"epochs": epochs})

@@ -1,0 +1,101 @@
+"""Phase 2 for every seed and variant, of environments and of motion alike."""
+
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from torch import Tensor
+
+from addressed_dynamics.files import atomic_path, write_json
+from addressed_dynamics.models.files import SavedNetwork, read_index, save_network
+from addressed_dynamics.params_training import AddressingParams
+from addressed_dynamics.tracking import Run
+from addressed_dynamics.training.addressing import confusion_matrix, train_addressing
+from addressed_dynamics.training.ensemble import evaluate_profiles
+from addressed_dynamics.training.epochs import Epoch
+from addressed_dynamics.training.losses import reported_loss
+from pipeline.common import checkpoints_dir, models_dir, reports_dir
+from pipeline.training import (
+    Features,
+    Stage,
+    TrackedJob,
+    TrainingData,
+    remove_checkpoints,
+    resumable,
+    train_tracked,
+    write_curves,
+)
+
+
+def trained_ensembles(experiment: str) -> dict[int, Path]:
+    """Return the folder of the ensemble of every seed."""
+    folder = models_dir(experiment) / "ensemble"
+    return {seed: folder / f"seed-{seed}" for seed in read_index(folder, "ensemble.json")["seeds"]}
+
+
+def train_addressings(
+    stage: Stage,
+    data: TrainingData[Features],
+    ensembles: Mapping[int, SavedNetwork[Features]],
+    params: AddressingParams,
+    recipe: Mapping[str, Any],
+) -> None:
+    """Train the addressing networks of an experiment and write its folder `addressing`, metrics and curves.
+
+    Args:
+        stage: what is run.
+        data: what they may see.
+        ensembles: by seed, what they address.
+        params: how they are trained.
+        recipe: all sections that the training depends on beside the ensemble, JSON-compatible.
+    """
+    experiment = stage.experiment
+    jobs, profiles = dict[str, TrackedJob](), dict[str, Tensor]()
+    for seed, ensemble in ensembles.items():
+        loss = reported_loss(ensemble.notes["params"]["ensemble"]["loss"])
+        unit = data.features.loss_unit(loss)
+        on_train, on_validation = (
+            evaluate_profiles(ensemble.stack, part, loss) * unit for part in (data.train, data.validation)
+        )
+        training = partial(
+            train_addressing, data.train, on_train, data.validation, on_validation, params, seed=seed,
+            augment=data.augment,
+        )  # fmt: skip
+        for variant in params.variants:
+            name = f"seed-{seed}/{variant}"
+            profiles[name] = on_validation
+            jobs[name] = resumable(
+                partial(training, variant=variant),
+                f"{experiment} addressing {variant} lr={params.optimiser.learning_rate:g} seed={seed}",
+                {**recipe, "seed": seed, "variant": variant},
+                checkpoints_dir(experiment),
+                *data.tensors,
+                on_train,
+                on_validation,
+            )
+    results = dict[str, dict[str, Any]]()
+    with atomic_path(models_dir(experiment) / "addressing") as folder:
+
+        def finish(name: str, epoch: Epoch, run: Run) -> None:
+            notes = {"params": params.model_dump(mode="json"), "training": name}
+            save_network(folder / name, SavedNetwork(epoch.network, data.features, notes))
+            run.write_run_id(folder / name)
+            confusion = confusion_matrix(epoch.network, data.validation, profiles[name])
+            results[name] = {**epoch.metrics, "confusion": confusion}
+
+        rows = train_tracked(stage, jobs, finish)
+        delivered = {str(seed): deliver(seed, params.deliver, params.variants, results) for seed in ensembles}
+        index = {"format": 1, "delivered": delivered, "variants": list(params.variants)}
+        write_json(folder / "addressing.json", index)
+    report = {"delivered": delivered, "validation": {name: results[name] for name in jobs}}
+    write_json(reports_dir(experiment) / "addressing.json", report)
+    write_curves(reports_dir(experiment) / "addressing.csv", rows)
+    remove_checkpoints(jobs)
+
+
+def deliver(seed: int, choice: str, variants: tuple[str, ...], results: Mapping[str, Mapping[str, Any]]) -> str:
+    """Return the variant to deliver: the one asked for, or the one with the lowest regret on validation samples."""
+    if choice != "best":
+        return choice
+    return min(variants, key=lambda variant: results[f"seed-{seed}/{variant}"]["regret/mean"])
