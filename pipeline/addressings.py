@@ -1,19 +1,22 @@
 """Phase 2 for every seed and variant, of environments and of motion alike."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import torch
 from torch import Tensor
 
+from addressed_dynamics.features.samples import Samples
 from addressed_dynamics.files import atomic_path, write_json
 from addressed_dynamics.models.files import SavedNetwork, read_index, save_network
-from addressed_dynamics.params_training import AddressingParams
+from addressed_dynamics.params_training import AddressingParams, AddressingTraining
 from addressed_dynamics.tracking import Run
 from addressed_dynamics.training.addressing import confusion_matrix, train_addressing
 from addressed_dynamics.training.ensemble import evaluate_profiles
-from addressed_dynamics.training.epochs import Epoch
+from addressed_dynamics.training.epochs import Epoch, updates_per_epoch
+from addressed_dynamics.training.estimates import seconds_per_update
 from addressed_dynamics.training.losses import reported_loss
 from pipeline.common import checkpoints_dir, models_dir, reports_dir
 from pipeline.training import (
@@ -50,7 +53,8 @@ def train_addressings(
         params: how they are trained.
         recipe: all sections that the training depends on beside the ensemble, JSON-compatible.
     """
-    experiment = stage.experiment
+    experiment, members = stage.experiment, next(iter(ensembles.values())).stack.members
+    seconds = addressing_seconds(data, members, params)
     jobs, profiles = dict[str, TrackedJob](), dict[str, Tensor]()
     for seed, ensemble in ensembles.items():
         loss = reported_loss(ensemble.notes["params"]["ensemble"]["loss"])
@@ -73,6 +77,7 @@ def train_addressings(
                 *data.tensors,
                 on_train,
                 on_validation,
+                seconds=seconds,
             )
     results = dict[str, dict[str, Any]]()
     with atomic_path(models_dir(experiment) / "addressing") as folder:
@@ -99,3 +104,19 @@ def deliver(seed: int, choice: str, variants: tuple[str, ...], results: Mapping[
     if choice != "best":
         return choice
     return min(variants, key=lambda variant: results[f"seed-{seed}/{variant}"]["regret/mean"])
+
+
+def addressing_seconds(data: TrainingData[Features], members: int, params: AddressingTraining) -> float:
+    """Return about how long one addressing network trains."""
+    brief = params.model_copy(update={"epochs": 2})
+
+    def training(samples: Samples) -> Iterator[Epoch]:
+        profiles = torch.rand(len(samples), members, generator=torch.Generator().manual_seed(0))
+        return train_addressing(
+            samples, profiles, samples, profiles, brief, seed=0, variant="plain", augment=data.augment
+        )
+
+    each = seconds_per_update(
+        training, inputs=data.features.inputs, outputs=data.features.outputs, members=1, batch_size=params.batch_size
+    )
+    return each * params.epochs * updates_per_epoch(len(data.train), 1, params.batch_size)

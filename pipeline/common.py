@@ -60,6 +60,11 @@ def progress(description: str, unit: str, total: int | None = None) -> "tqdm[NoR
     )
 
 
+def say(line: str) -> None:
+    """Tell whoever watches a stage, or reads its log later."""
+    print(line, file=sys.stderr)
+
+
 class _Terminated(BaseException):
     """SIGTERM, as an exception that cleans up on its way, like Ctrl-C."""
 

@@ -10,7 +10,8 @@ from addressed_dynamics.models.files import SavedNetwork, save_network
 from addressed_dynamics.params_training import EnsembleParams
 from addressed_dynamics.tracking import Run
 from addressed_dynamics.training.ensemble import train_ensemble
-from addressed_dynamics.training.epochs import Epoch
+from addressed_dynamics.training.epochs import Epoch, updates_per_epoch
+from addressed_dynamics.training.estimates import seconds_per_update
 from addressed_dynamics.training.losses import reported_loss
 from pipeline.common import checkpoints_dir, models_dir, reports_dir
 from pipeline.training import Features, Stage, TrainingData, remove_checkpoints, resumable, train_tracked, write_curves
@@ -28,6 +29,7 @@ def train_ensembles(
         recipe: all sections that the training depends on, JSON-compatible; kept with the networks.
     """
     experiment, unit = stage.experiment, data.features.loss_unit(reported_loss(params.loss))
+    seconds = ensemble_seconds(data, params)
     jobs = {
         f"seed-{seed}": resumable(
             partial(
@@ -37,6 +39,7 @@ def train_ensembles(
             {**recipe, "seed": seed},
             checkpoints_dir(experiment),
             *data.tensors,
+            seconds=seconds,
         )
         for seed in params.seeds
     }
@@ -54,3 +57,16 @@ def train_ensembles(
     write_json(reports_dir(experiment) / "ensemble.json", {name: results[name] for name in jobs})
     write_curves(reports_dir(experiment) / "ensemble.csv", rows)
     remove_checkpoints(jobs)
+
+
+def ensemble_seconds(data: TrainingData[Features], params: EnsembleParams) -> float:
+    """Return about how long one ensemble trains, a single network if it has one member."""
+    brief = params.model_copy(update={"epochs": 2, "cluster_epochs": 1, "restart": False})
+    each = seconds_per_update(
+        lambda samples: train_ensemble(samples, samples, brief, seed=0, loss_unit=1.0, augment=data.augment),
+        inputs=data.features.inputs,
+        outputs=data.features.outputs,
+        members=params.members,
+        batch_size=params.batch_size,
+    )
+    return each * params.epochs * updates_per_epoch(len(data.train), params.members, params.batch_size)

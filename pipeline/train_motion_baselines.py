@@ -5,21 +5,27 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import torch
+
+from addressed_dynamics.features.samples import Samples
 from addressed_dynamics.files import atomic_path, write_json
 from addressed_dynamics.models.motion import MotionMode, MotionModel
 from addressed_dynamics.models.stacked import StackedMLP
 from addressed_dynamics.params import load_motion_recipes
-from addressed_dynamics.params_motion import MotionExperimentParams
+from addressed_dynamics.params_motion import BlendedTraining, MotionExperimentParams
 from addressed_dynamics.tracking import Run
 from addressed_dynamics.training.addressing import train_addressing
 from addressed_dynamics.training.baselines import OTHER_RECIPE
 from addressed_dynamics.training.blended import BlendedEpoch, train_gated, train_phase_functioned
 from addressed_dynamics.training.ensemble import evaluate_profiles, train_ensemble
-from addressed_dynamics.training.epochs import Epoch
+from addressed_dynamics.training.epochs import Epoch, updates_per_epoch
+from addressed_dynamics.training.estimates import seconds_per_update
 from addressed_dynamics.training.losses import reported_loss
 from addressed_dynamics.training.motion_baselines import PFNN_FEATURES, blended_training, same_size, total_parameters
 from addressed_dynamics.training.runtime import prepare_torch
+from pipeline.addressings import addressing_seconds
 from pipeline.common import checkpoints_dir, models_dir, reports_dir, run_stage
+from pipeline.ensembles import ensemble_seconds
 from pipeline.motion_training import MotionTrainingData, load_motion_data
 from pipeline.training import Stage, TrackedJob, remove_checkpoints, resumable, train_tracked, write_curves
 
@@ -92,10 +98,12 @@ def _job(
             training = partial(
                 train_phase_functioned, data.train, phases[0], data.validation, phases[1], blended, seed=seed
             )
+            seconds = _blended_seconds(name, data, blended)
             settings = blended.model_dump(mode="json")
         case "learned_blend":
             blended = blended_training(sections.baselines.learned_blend, ensemble, samples)
             training = partial(train_gated, data.train, data.validation, blended, seed=seed, augment=data.augment)
+            seconds = _blended_seconds(name, data, blended)
             settings = blended.model_dump(mode="json")
         case _:
             recipe = {
@@ -106,13 +114,32 @@ def _job(
                 train_ensemble, data.train, data.validation, recipe, seed=seed, augment=data.augment,
                 loss_unit=features.loss_unit(reported_loss(recipe.loss)),
             )  # fmt: skip
+            seconds = ensemble_seconds(data, recipe)
             settings = recipe.model_dump(mode="json")
     augmentation = sections.augmentation.model_dump(mode="json") if data.augment else None
     notes = {"baseline": name, "seed": seed, "recipe": settings, "augmentation": augmentation}
     return resumable(
-        training, f"{experiment} baseline {key.replace('/seed-', ' seed=')}", notes, checkpoints_dir(experiment),
+        training,
+        f"{experiment} baseline {key.replace('/seed-', ' seed=')}",
+        notes,
+        checkpoints_dir(experiment),
         *data.tensors,
-    )  # fmt: skip
+        seconds=seconds,
+    )
+
+
+def _blended_seconds(name: str, data: MotionTrainingData, params: BlendedTraining) -> float:
+    brief = params.model_copy(update={"epochs": 2})
+
+    def training(samples: Samples) -> Iterator[Epoch]:
+        phase = torch.linspace(0.0, 1.0, len(samples))
+        if name == "phase_functioned":
+            return train_phase_functioned(samples, phase, samples, phase, brief, seed=0)
+        return train_gated(samples, samples, brief, seed=0, augment=data.augment)
+
+    features, size = data.features, params.batch_size
+    each = seconds_per_update(training, inputs=features.inputs, outputs=features.outputs, members=1, batch_size=size)
+    return each * params.epochs * updates_per_epoch(len(data.train), 1, size)
 
 
 def _addressing_job(
@@ -131,7 +158,10 @@ def _addressing_job(
     )  # fmt: skip
     notes = {"baseline": key, "seed": seed, "recipe": params.model_dump(mode="json")}
     title = f"{experiment} baseline {key.replace('/seed-', ' addressing seed=')}"
-    return resumable(training, title, notes, checkpoints_dir(experiment), *data.tensors, on_train, on_validation)
+    seconds = addressing_seconds(data, network.members, params)
+    return resumable(
+        training, title, notes, checkpoints_dir(experiment), *data.tensors, on_train, on_validation, seconds=seconds
+    )
 
 
 if __name__ == "__main__":

@@ -18,8 +18,9 @@ from addressed_dynamics.files import atomic_path
 from addressed_dynamics.training.augmentation import Augment
 from addressed_dynamics.training.checkpoints import Checkpoint
 from addressed_dynamics.training.epochs import Epoch
+from addressed_dynamics.training.estimates import in_words
 from addressed_dynamics.training.jobs import Job, run_jobs
-from pipeline.common import progress, tables_dir
+from pipeline.common import progress, say, tables_dir
 
 Features = TypeVar("Features", FeatureSpec, MotionFeatures)
 
@@ -55,14 +56,21 @@ class TrackedJob:
     """What it depends on, but for the data."""
     checkpoint: Checkpoint
     """Where it keeps its state while it runs."""
+    seconds: float
+    """About how long it takes, from its beginning; 0 if nobody has measured."""
 
 
 def resumable(
-    training: Callable[..., Iterator[Epoch]], title: str, params: Mapping[str, Any], folder: Path, *tensors: Tensor
+    training: Callable[..., Iterator[Epoch]],
+    title: str,
+    params: Mapping[str, Any],
+    folder: Path,
+    *tensors: Tensor,
+    seconds: float = 0.0,
 ) -> TrackedJob:
     """Return `training` with a checkpoint in `folder` that belongs to its title, its params and these data alone."""
     checkpoint = Checkpoint.of(folder, title=title, params=params, data=fingerprint(*tensors))
-    return TrackedJob(partial(training, checkpoint=checkpoint), title, params, checkpoint)
+    return TrackedJob(partial(training, checkpoint=checkpoint), title, params, checkpoint, seconds)
 
 
 @dataclass(frozen=True)
@@ -88,6 +96,9 @@ def train_tracked(
         One row for each training and epoch, in their order: `training`, `epoch` and the metrics.
     """
     rows: dict[str, list[dict[str, Any]]] = {name: [] for name in jobs}
+    if seconds := sum(job.seconds for job in jobs.values()) / max(min(stage.processes, len(jobs)), 1):
+        trainings = "1 training" if len(jobs) == 1 else f"{len(jobs)} trainings, {stage.processes} at a time"
+        say(f"{stage.name}: {trainings}, about {in_words(seconds)} from the beginning; goes on where it was cut off")
     with ExitStack() as stack:
         runs = dict[str, tracking.Run]()
         bar = stack.enter_context(progress(stage.name, "epoch"))

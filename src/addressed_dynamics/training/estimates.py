@@ -1,0 +1,49 @@
+"""How long a training will take, from a few updates of the same size on random samples."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+
+import torch
+
+from addressed_dynamics.features.samples import Samples
+from addressed_dynamics.training.epochs import Epoch, updates_per_epoch
+
+PROBE_UPDATES = 8
+"""Updates that are timed, after as many to warm up."""
+
+
+def seconds_per_update(
+    training: Callable[[Samples], Iterator[Epoch]], *, inputs: int, outputs: int, members: int, batch_size: int
+) -> float:
+    """Return how long an update of `training` takes on this machine.
+
+    Args:
+        training: given samples, trains on them for two epochs.
+        inputs: columns of their x.
+        outputs: columns of their y.
+        members: networks that an epoch's samples are divided among.
+        batch_size: samples per member and update.
+    """
+    rows = PROBE_UPDATES * members * batch_size
+    generator = torch.Generator().manual_seed(0)
+    samples = Samples(
+        x=torch.randn(rows, inputs, generator=generator),
+        y=torch.randn(rows, outputs, generator=generator),
+        episode=torch.zeros(rows, dtype=torch.int64),
+        step=torch.arange(rows),
+    )
+    ends = [time.perf_counter() for _ in training(samples)]
+    return (ends[-1] - ends[0]) / max(updates_per_epoch(rows, members, batch_size), 1)
+
+
+def in_words(seconds: float) -> str:
+    """Return a duration as a person would say it, for instance `2 h 10 min`."""
+    minutes = round(seconds / 60)
+    if seconds < 60:
+        return f"{max(round(seconds), 1)} s"
+    if minutes < 60:
+        return f"{minutes} min"
+    hours, rest = divmod(round(minutes / 10) * 10 if minutes >= 120 else minutes, 60)
+    return f"{hours} h {rest} min" if rest else f"{hours} h"
