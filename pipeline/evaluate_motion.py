@@ -26,7 +26,7 @@ from addressed_dynamics.params import load_motion_params
 from addressed_dynamics.training.losses import reported_loss
 from addressed_dynamics.training.runtime import prepare_torch
 from pipeline.addressings import trained_ensembles
-from pipeline.common import evaluation_dir, models_dir, reports_dir, run_stage, tables_dir
+from pipeline.common import available_cores, evaluation_dir, models_dir, reports_dir, run_stage, tables_dir
 
 
 def main(experiment: str, params_file: Path) -> None:
@@ -52,7 +52,7 @@ def main(experiment: str, params_file: Path) -> None:
         params.closed_loop.validation_seconds,
         standard_script(),
     )
-    report, traces = evaluate_motion(candidates, data, plan)
+    report, traces = evaluate_motion(candidates, data, plan, cores=available_cores())
     first, folder = next(iter(trained_ensembles(experiment).items()))
     loss = reported_loss(load_motion_network(folder).notes["params"]["ensemble"]["loss"])
     report |= {

@@ -1,5 +1,7 @@
 """Predictors of motion that need no training: what a network must beat."""
 
+from functools import partial
+
 import numpy as np
 import torch
 from jaxtyping import Complex128, Float, Float64
@@ -14,12 +16,7 @@ HIPS = JOINTS.index("Hips")
 
 def mean_outputs(mean: Float[np.ndarray, " 311"]) -> MotionPredictor:
     """Return the predictor that always answers the mean outputs of training."""
-    constant = torch.from_numpy(np.asarray(mean, np.float32))
-
-    def predict(x: Float[Tensor, "row 342"], phase: Float[Tensor, " row"]) -> Float[Tensor, "row 311"]:  # noqa: ARG001
-        return constant.repeat(len(x), 1)
-
-    return predict
+    return partial(_constant, torch.from_numpy(np.asarray(mean, np.float32)))
 
 
 def persistence_plus_velocity(mean: Float[np.ndarray, " 311"]) -> MotionPredictor:
@@ -33,33 +30,44 @@ def persistence_plus_velocity(mean: Float[np.ndarray, " 311"]) -> MotionPredicto
     Args:
         mean: mean outputs of training.
     """
-    constant = np.asarray(mean, np.float32)
+    return partial(_go_on, np.asarray(mean, np.float32))
 
-    def predict(x: Float[Tensor, "row 342"], phase: Float[Tensor, " row"]) -> Float[Tensor, "row 311"]:  # noqa: ARG001
-        given = x.double().numpy()
-        y = np.tile(constant, (len(x), 1))
-        position = ground(given[:, INPUT.trajectory_position_x], given[:, INPUT.trajectory_position_z])
-        direction = ground(given[:, INPUT.trajectory_direction_x], given[:, INPUT.trajectory_direction_z])
-        joints, velocities = given[:, INPUT.joint_position], given[:, INPUT.joint_velocity]
-        # Heading of the root before, and with it the turn from its frame to the present one.
-        before = _unit(direction @ _AT_PREVIOUS)[:, None]
-        velocity = before * ground(velocities[:, JOINT_X], velocities[:, JOINT_Z])
-        root_step = velocity[:, HIPS, None]
-        moved = before * ground(joints[:, JOINT_X], joints[:, JOINT_Z]) + velocity - root_step
-        _set_joints(y[:, OUTPUT.joint_position], moved, joints[:, JOINT_Y] + velocities[:, JOINT_Y])
-        _set_joints(y[:, OUTPUT.joint_velocity], velocity, velocities[:, JOINT_Y])
 
-        heading = _unit(direction @ _AT_NEXT)[:, None]
-        future = ((position @ _AT_FUTURE) - root_step) / heading
-        future[:, 0] = 0.0
-        facing = _unit(direction @ _AT_FUTURE) / heading
-        y[:, OUTPUT.root_velocity] = np.concatenate([root_step.imag, root_step.real], axis=1)
-        y[:, OUTPUT.root_turn] = -np.angle(heading)
-        y[:, OUTPUT.trajectory_position_x], y[:, OUTPUT.trajectory_position_z] = future.imag, future.real
-        y[:, OUTPUT.trajectory_direction_x], y[:, OUTPUT.trajectory_direction_z] = facing.imag, facing.real
-        return torch.from_numpy(y)
+def _constant(
+    constant: Float[Tensor, " 311"],
+    x: Float[Tensor, "row 342"],
+    phase: Float[Tensor, " row"],  # noqa: ARG001
+) -> Float[Tensor, "row 311"]:
+    return constant.repeat(len(x), 1)
 
-    return predict
+
+def _go_on(
+    constant: Float[np.ndarray, " 311"],
+    x: Float[Tensor, "row 342"],
+    phase: Float[Tensor, " row"],  # noqa: ARG001
+) -> Float[Tensor, "row 311"]:
+    given = x.double().numpy()
+    y = np.tile(constant, (len(x), 1))
+    position = ground(given[:, INPUT.trajectory_position_x], given[:, INPUT.trajectory_position_z])
+    direction = ground(given[:, INPUT.trajectory_direction_x], given[:, INPUT.trajectory_direction_z])
+    joints, velocities = given[:, INPUT.joint_position], given[:, INPUT.joint_velocity]
+    # Heading of the root before, and with it the turn from its frame to the present one.
+    before = _unit(direction @ _AT_PREVIOUS)[:, None]
+    velocity = before * ground(velocities[:, JOINT_X], velocities[:, JOINT_Z])
+    root_step = velocity[:, HIPS, None]
+    moved = before * ground(joints[:, JOINT_X], joints[:, JOINT_Z]) + velocity - root_step
+    _set_joints(y[:, OUTPUT.joint_position], moved, joints[:, JOINT_Y] + velocities[:, JOINT_Y])
+    _set_joints(y[:, OUTPUT.joint_velocity], velocity, velocities[:, JOINT_Y])
+
+    heading = _unit(direction @ _AT_NEXT)[:, None]
+    future = ((position @ _AT_FUTURE) - root_step) / heading
+    future[:, 0] = 0.0
+    facing = _unit(direction @ _AT_FUTURE) / heading
+    y[:, OUTPUT.root_velocity] = np.concatenate([root_step.imag, root_step.real], axis=1)
+    y[:, OUTPUT.root_turn] = -np.angle(heading)
+    y[:, OUTPUT.trajectory_position_x], y[:, OUTPUT.trajectory_position_z] = future.imag, future.real
+    y[:, OUTPUT.trajectory_direction_x], y[:, OUTPUT.trajectory_direction_z] = facing.imag, facing.real
+    return torch.from_numpy(y)
 
 
 def _set_joints(

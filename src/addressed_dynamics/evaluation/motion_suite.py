@@ -12,6 +12,7 @@ import torch
 from jaxtyping import Float64, Int64
 
 from addressed_dynamics.evaluation.closed_loop.commands import Script, validation_scripts
+from addressed_dynamics.evaluation.closed_loop.controller import Pose
 from addressed_dynamics.evaluation.closed_loop.judging import courses, judge
 from addressed_dynamics.evaluation.closed_loop.measures import MotionReference, data_reference
 from addressed_dynamics.evaluation.closed_loop.run import Trace, closed_loop, start_pose
@@ -19,12 +20,14 @@ from addressed_dynamics.evaluation.closed_loop.score import closed_loop_score
 from addressed_dynamics.evaluation.ground import current_gait
 from addressed_dynamics.evaluation.motion_candidates import BASELINE_LABELS, ENSEMBLE, MotionCandidate
 from addressed_dynamics.evaluation.motion_one_step import block_deviation, one_step_errors
+from addressed_dynamics.evaluation.motion_predictor import MotionPredictor
 from addressed_dynamics.evaluation.phase_use import phase_use
 from addressed_dynamics.evaluation.specialisation import specialisation
 from addressed_dynamics.models.addressed import MODES
 from addressed_dynamics.models.motion import MotionModel
 from addressed_dynamics.motion.frames import Motion
 from addressed_dynamics.motion.layout import JOINTS, OUTPUT
+from addressed_dynamics.processes import worker_processes
 
 SHOWN_JOINTS = ("Hips", "Head")
 """Joints whose predicted path is shown: those of the paper's Fig. 7."""
@@ -60,12 +63,18 @@ class ClosedLoopPlan:
 
 
 def evaluate_motion(
-    candidates: Sequence[MotionCandidate], data: MotionData, plan: ClosedLoopPlan
+    candidates: Sequence[MotionCandidate], data: MotionData, plan: ClosedLoopPlan, *, cores: int
 ) -> tuple[dict[str, Any], dict[str, Trace]]:
     """Measure all candidates one step ahead and in the closed loop.
 
     The mode in which the ensemble is delivered has the highest mean score over its seeds on the validation scripts; the
     test script and the held-out frames have no part in that.
+
+    Args:
+        candidates: what is measured.
+        data: the frames.
+        plan: what the closed loops are asked to do.
+        cores: the most closed loops to run at once, each in a process.
 
     Returns:
         `candidates` by name, `mode` and `reference`, JSON-compatible; and the traces under the test script.
@@ -76,9 +85,9 @@ def evaluate_motion(
     reference = data_reference(data.train)
     deviation = block_deviation(data.train.y)
     start = start_pose(data.train)
-    predictors = {each.name: each.predictor for each in candidates}
-    traces = closed_loop(predictors, [plan.test], start)
-    chosen_by = closed_loop(predictors, plan.for_choosing, start)
+    traces = _loops(candidates, [plan.test], start, cores)
+    to_choose_from = [each for each in candidates if each.group.startswith(f"{ENSEMBLE}/")]
+    chosen_by = _loops(to_choose_from, plan.for_choosing, start, cores)
     results = {}
     for each in candidates:
         results[each.name] = {
@@ -90,7 +99,7 @@ def evaluate_motion(
                 split: asdict(one_step_errors(each.predictor, motion, deviation))
                 for split, motion in data.held_out.items()
             },
-            "closed_loop": _judged(traces[each.name], chosen_by[each.name], reference),
+            "closed_loop": _judged(traces[each.name], chosen_by.get(each.name), reference),
         }
     report = {"candidates": results, "mode": best_mode(results), "reference": asdict(reference)}
     return report, traces
@@ -189,11 +198,26 @@ def stretch(motion: Motion, steps: int) -> Int64[np.ndarray, " row"]:
     return rows
 
 
-def _judged(test: Trace, validation: Trace, reference: MotionReference) -> dict[str, Any]:
+def _loops(
+    candidates: Sequence[MotionCandidate], scripts: Sequence[Script], start: Pose, cores: int
+) -> dict[str, Trace]:
+    """Run the closed loops of the candidates, by their names, in at most `cores` processes."""
+    groups = [group for first in range(cores) if (group := candidates[first::cores])]
+    with worker_processes(len(groups)) as ordered_map:
+        works = [({each.name: each.predictor for each in group}, scripts, start) for group in groups]
+        return {name: trace for traces in ordered_map(_run, works) for name, trace in traces.items()}
+
+
+def _run(work: tuple[dict[str, MotionPredictor], Sequence[Script], Pose]) -> dict[str, Trace]:
+    predictors, scripts, start = work
+    return closed_loop(predictors, scripts, start)
+
+
+def _judged(test: Trace, validation: Trace | None, reference: MotionReference) -> dict[str, Any]:
     judged = judge(test, reference)
     return {
         "score": closed_loop_score(judged),
-        "validation_score": closed_loop_score(judge(validation, reference)),
+        "validation_score": None if validation is None else closed_loop_score(judge(validation, reference)),
         "run": asdict(judged[0]),
     }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args
 
@@ -163,8 +164,8 @@ class MotionModel:
     def predictor(
         self, mode: MotionMode | None = None, *, generator: torch.Generator | None = None
     ) -> Callable[[Float[Tensor, "run 342"], Float[Tensor, " run"]], Float[Tensor, "run 311"]]:
-        """Return `predict` as what a closed loop asks for: a function of inputs and phases."""
-        return lambda x, phase: self.predict(x, mode, phase=phase, generator=generator)
+        """Return `predict` as what a closed loop asks for: a function of inputs and phases, which can be pickled."""
+        return partial(_predict, self, mode, generator)
 
     @torch.no_grad()
     def member_predictions(self, x: Float[Tensor, "row 342"]) -> Float[Tensor, "member row 311"]:
@@ -218,6 +219,16 @@ class MotionModel:
         if self.addressing is None:
             return torch.ones(len(x), 1)
         return torch.softmax(addressing_scores(self.addressing, x), dim=1)
+
+
+def _predict(
+    model: MotionModel,
+    mode: MotionMode | None,
+    generator: torch.Generator | None,
+    x: Float[Tensor, "run 342"],
+    phase: Float[Tensor, " run"],
+) -> Float[Tensor, "run 311"]:
+    return model.predict(x, mode, phase=phase, generator=generator)
 
 
 def _as_tensor(values: np.ndarray | Tensor) -> Tensor:
