@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from addressed_dynamics.models.addressed import AddressedDynamics
+    from addressed_dynamics.models.motion import MotionModel
     from addressed_dynamics.motion.frames import Motion
     from addressed_dynamics.motion.source import read_motion
     from addressed_dynamics.recording.recorder import TransitionRecorder
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
 __all__ = [
     "AddressedDynamics",
     "Motion",
+    "MotionModel",
     "TransitionRecorder",
     "assign_to_bins",
     "read_motion",
@@ -22,6 +24,7 @@ __all__ = [
 _HOMES = {
     "AddressedDynamics": "addressed_dynamics.models.addressed",
     "Motion": "addressed_dynamics.motion.frames",
+    "MotionModel": "addressed_dynamics.models.motion",
     "TransitionRecorder": "addressed_dynamics.recording.recorder",
     "assign_to_bins": "addressed_dynamics.training.clustering",
     "read_motion": "addressed_dynamics.motion.source",
