@@ -18,7 +18,7 @@ COMMANDS = [INPUT.span("trajectory_position_x", "trajectory_direction_z"), INPUT
 def augmented(target: str = "absolute", **params: float) -> tuple[MotionFeatures, Samples, Tensor, Tensor]:
     features = fit_motion_features(MOTION, MotionFeatureParams(target=target))  # type: ignore[arg-type] # from a parametrisation
     samples = features.samples(MOTION)
-    settings = {"pose_noise": 0.0, "pose_mix": 0.0, "gait_swap": 0.0, **params}
+    settings = {"pose_noise": 0.0, "pose_mix": 0.0, "pose_shrink": 0.0, "gait_swap": 0.0, **params}
     augment = MotionAugmentation(features, samples.x, AugmentationParams(**settings))
     x, y = augment(samples.x, samples.y, torch.Generator().manual_seed(0))
     return features, samples, x, y
@@ -26,7 +26,7 @@ def augmented(target: str = "absolute", **params: float) -> tuple[MotionFeatures
 
 @pytest.mark.parametrize("target", ["absolute", "change", "trajectory_change"])
 def test_inputs_that_are_off_ask_for_the_same_outputs(target: str) -> None:
-    features, samples, x, y = augmented(target, pose_noise=0.3, pose_mix=0.5, gait_swap=0.5)
+    features, samples, x, y = augmented(target, pose_noise=0.3, pose_mix=0.5, pose_shrink=0.5, gait_swap=0.5)
     raw = x / features._input_scale + features._input_mean
     torch.testing.assert_close(features.decode(y, raw), torch.from_numpy(MOTION.y), atol=1e-3, rtol=1e-4)
     assert not torch.allclose(x, samples.x)
@@ -61,6 +61,14 @@ def test_mixed_poses_lie_between_two_frames_poses() -> None:
         other = int(distance.argmin())
         assert float(distance[other]) < 1e-4
         assert 0.0 <= float(share[other]) <= 1.0
+
+
+def test_shrunk_poses_keep_their_direction_from_the_mean_pose() -> None:
+    _, samples, x, _ = augmented(pose_shrink=0.6)
+    share = x[:, JOINTS].norm(dim=1) / samples.x[:, JOINTS].norm(dim=1)
+    torch.testing.assert_close(x[:, JOINTS], share.unsqueeze(1) * samples.x[:, JOINTS])
+    assert float(share.min()) == pytest.approx(0.4, abs=0.05)
+    assert float(share.max()) == pytest.approx(1.0, abs=0.05)
 
 
 def test_swapped_gaits_are_those_of_some_frame_and_as_many_as_asked_for() -> None:

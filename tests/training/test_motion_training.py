@@ -21,7 +21,7 @@ from addressed_dynamics.training.motion_augmentation import MotionAugmentation
 
 FEATURES = fit_motion_features(make_motion(), MotionFeatureParams(target="trajectory_change"))
 TRAIN, VALIDATION = FEATURES.samples(make_motion()), FEATURES.samples(make_motion(24, seed=1))
-AUGMENT = MotionAugmentation(FEATURES, TRAIN.x, AugmentationParams())
+AUGMENT = MotionAugmentation(FEATURES, TRAIN.x, AugmentationParams(pose_mix=0.2, pose_shrink=0.5))
 OPTIMISER = OptimiserParams(learning_rate=1e-3, betas=(0.9, 0.999), final_share=0.0)
 ENSEMBLE = EnsembleParams(
     seeds=(0,), members=2, hidden=(16,), activation="elu", loss="mse", optimiser=OPTIMISER, batch_size=16, epochs=4,

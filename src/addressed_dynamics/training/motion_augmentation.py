@@ -15,7 +15,7 @@ JOINTS = INPUT.span("joint_position", "joint_velocity")
 
 @dataclass(frozen=True)
 class MotionAugmentation:
-    """An `Augment`: mixes poses, adds noise to them and swaps gaits. The outputs asked for stay those of the frame.
+    """An `Augment`: mixes poses, shrinks them, adds noise to them, and swaps gaits; what is asked for stays the same.
 
     Predicted poses that are off are what a closed loop feeds back. Where data have a pose for every input a network may
     copy what it is given; asked for the true pose from one that is off, it learns to return to the motion.
@@ -41,6 +41,8 @@ class MotionAugmentation:
         if self.params.pose_mix:
             share = self.params.pose_mix * torch.rand((*batch, 1), generator=generator)
             x_off[..., JOINTS] = torch.lerp(x[..., JOINTS], self._others(batch, generator)[..., JOINTS], share)
+        if self.params.pose_shrink:
+            x_off[..., JOINTS] *= 1.0 - self.params.pose_shrink * torch.rand((*batch, 1), generator=generator)
         if self.params.pose_noise:
             size = self.params.pose_noise * self.features.joint_input_weight
             noise = torch.randn(x[..., JOINTS].shape, generator=generator)
