@@ -53,22 +53,22 @@ def main(experiment: str, params_file: Path) -> None:
         standard_script(),
     )
     report, traces = evaluate_motion(candidates, data, plan, cores=available_cores())
-    first, folder = next(iter(trained_ensembles(experiment).items()))
+    seed, mode = report["delivered"]["seed"], report["delivered"]["mode"]
+    folder = trained_ensembles(experiment)[seed]
     loss = reported_loss(load_motion_network(folder).notes["params"]["ensemble"]["loss"])
     report |= {
-        "delivered": {"seed": first, "mode": report.pop("mode")},
         "splits": {"train": len(data.train), "validation": len(data.validation)}
         | {split: len(motion) for split, motion in data.held_out.items()},
         "addressing": {
-            split: evaluate_motion_addressing(ensembles[first], motion, loss)
+            split: evaluate_motion_addressing(ensembles[seed], motion, loss)
             for split, motion in {"train": data.train, "test": data.held_out["test"]}.items()
         },
     }
     with atomic_path(evaluation_dir(experiment)) as target:
         target.mkdir()
-        shown = shown_candidates(candidates, first, report["delivered"]["mode"])
+        shown = shown_candidates(candidates, seed, mode)
         save_arrays(target / "arrays.npz", motion_arrays(shown, traces, data))
-        with tracking.run(stage="evaluate_motion", experiment=experiment, name=f"{experiment} evaluation seed={first}",
+        with tracking.run(stage="evaluate_motion", experiment=experiment, name=f"{experiment} evaluation seed={seed}",
                           params=params.model_dump(mode="json"), params_file=params_file) as run:  # fmt: skip
             run.log(headline(report), step=0)
             run.write_run_id(target)

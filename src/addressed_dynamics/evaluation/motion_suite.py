@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from statistics import mean
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,6 @@ from addressed_dynamics.evaluation.motion_one_step import block_deviation, one_s
 from addressed_dynamics.evaluation.motion_predictor import MotionPredictor
 from addressed_dynamics.evaluation.phase_use import phase_use
 from addressed_dynamics.evaluation.specialisation import specialisation
-from addressed_dynamics.models.addressed import MODES
 from addressed_dynamics.models.motion import MotionModel
 from addressed_dynamics.motion.frames import Motion
 from addressed_dynamics.motion.layout import JOINTS, OUTPUT
@@ -50,7 +48,7 @@ class ClosedLoopPlan:
     """What closed loops are asked to do."""
 
     validation_seed: int
-    """Seed of the scripts by which the mode is chosen."""
+    """Seed of the scripts by which seed and mode are chosen."""
     validation_scripts: int
     validation_seconds: float
     test: Script
@@ -58,7 +56,7 @@ class ClosedLoopPlan:
 
     @property
     def for_choosing(self) -> tuple[Script, ...]:
-        """The scripts by which the mode is chosen."""
+        """The scripts by which seed and mode are chosen."""
         return validation_scripts(self.validation_seed, self.validation_scripts, self.validation_seconds)
 
 
@@ -67,8 +65,8 @@ def evaluate_motion(
 ) -> tuple[dict[str, Any], dict[str, Trace]]:
     """Measure all candidates one step ahead and in the closed loop.
 
-    The mode in which the ensemble is delivered has the highest mean score over its seeds on the validation scripts; the
-    test script and the held-out frames have no part in that.
+    The ensemble that is delivered, and its mode, have the highest score on the validation scripts; the test script and
+    the held-out frames have no part in that.
 
     Args:
         candidates: what is measured.
@@ -77,7 +75,8 @@ def evaluate_motion(
         cores: the most closed loops to run at once, each in a process.
 
     Returns:
-        `candidates` by name, `mode` and `reference`, JSON-compatible; and the traces under the test script.
+        `candidates` by name, `delivered` (seed and mode) and `reference`, JSON-compatible; and the traces under the
+        test script.
 
     Raises:
         EvaluationError: a split is empty, or a prediction is not finite.
@@ -86,7 +85,7 @@ def evaluate_motion(
     deviation = block_deviation(data.train.y)
     start = start_pose(data.train)
     traces = _loops(candidates, [plan.test], start, cores)
-    to_choose_from = [each for each in candidates if each.group.startswith(f"{ENSEMBLE}/")]
+    to_choose_from = [each for each in candidates if each.seed is not None]
     chosen_by = _loops(to_choose_from, plan.for_choosing, start, cores)
     results = {}
     for each in candidates:
@@ -101,34 +100,31 @@ def evaluate_motion(
             },
             "closed_loop": _judged(traces[each.name], chosen_by.get(each.name), reference),
         }
-    report = {"candidates": results, "mode": best_mode(results), "reference": asdict(reference)}
+    seed, mode = best_model(results)
+    delivered = {"seed": seed, "mode": mode}
+    report = {"candidates": results, "delivered": delivered, "reference": asdict(reference)}
     return report, traces
 
 
-def best_mode(results: Mapping[str, Mapping[str, Any]]) -> str:
-    """Return the mode in which the ensemble does best on the validation scripts, on average over its seeds."""
-
-    def score(mode: str) -> float:
-        own = [each for each in results.values() if each["group"] == f"{ENSEMBLE}/{mode}"]
-        return float(mean(each["closed_loop"]["validation_score"] for each in own))
-
-    return max(MODES, key=score)
+def best_model(results: Mapping[str, Mapping[str, Any]]) -> tuple[int, str]:
+    """Return the seed and the mode of the ensemble that does best on the validation scripts; of equals the first."""
+    own = [each for each in results.values() if each["group"].startswith(f"{ENSEMBLE}/")]
+    best = max(own, key=lambda each: float(each["closed_loop"]["validation_score"]))
+    return best["seed"], best["group"].removeprefix(f"{ENSEMBLE}/")
 
 
 def shown_candidates(candidates: Sequence[MotionCandidate], seed: int, mode: str) -> list[MotionCandidate]:
-    """Return what figures show: the delivered ensemble, and of each other group that was trained or published, one.
+    """Return what figures show: the delivered ensemble, and the first of each other group that learned from frames.
 
     Args:
         candidates: all there are.
         seed: the one that is delivered.
         mode: likewise.
     """
-    others = (*BASELINE_LABELS, "released")
-    return [
-        each
-        for each in candidates
-        if each.seed in {seed, None} and (each.group == f"{ENSEMBLE}/{mode}" or each.group in others)
-    ]
+    others = [each for each in candidates if each.group in {*BASELINE_LABELS, "released"}]
+    first = {each.group: each for each in reversed(others)}
+    own = [each for each in candidates if each.group == f"{ENSEMBLE}/{mode}" and each.seed == seed]
+    return [*own, *(each for each in others if each is first[each.group])]
 
 
 def evaluate_motion_addressing(model: MotionModel, motion: Motion, loss: str) -> dict[str, Any]:
