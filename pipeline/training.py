@@ -18,7 +18,7 @@ from addressed_dynamics.files import atomic_path
 from addressed_dynamics.training.augmentation import Augment
 from addressed_dynamics.training.checkpoints import Checkpoint
 from addressed_dynamics.training.epochs import Epoch
-from addressed_dynamics.training.estimates import in_words
+from addressed_dynamics.training.estimates import all_done, in_words
 from addressed_dynamics.training.jobs import Job, run_jobs
 from pipeline.common import progress, say, tables_dir
 
@@ -96,7 +96,7 @@ def train_tracked(
         One row for each training and epoch, in their order: `training`, `epoch` and the metrics.
     """
     rows: dict[str, list[dict[str, Any]]] = {name: [] for name in jobs}
-    if seconds := sum(job.seconds for job in jobs.values()) / max(min(stage.processes, len(jobs)), 1):
+    if seconds := all_done((job.seconds for job in jobs.values()), stage.processes):
         trainings = "1 training" if len(jobs) == 1 else f"{len(jobs)} trainings, {stage.processes} at a time"
         say(f"{stage.name}: {trainings}, about {in_words(seconds)} from the beginning; goes on where it was cut off")
     with ExitStack() as stack:

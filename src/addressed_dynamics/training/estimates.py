@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import heapq
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 import torch
 
@@ -36,6 +37,14 @@ def seconds_per_update(
     )
     ends = [time.perf_counter() for _ in training(samples)]
     return (ends[-1] - ends[0]) / max(updates_per_epoch(rows, members, batch_size), 1)
+
+
+def all_done(durations: Iterable[float], processes: int) -> float:
+    """Return when the last of some trainings ends, if each begins as soon as one of the processes is free."""
+    free = [0.0] * processes
+    for duration in durations:
+        heapq.heapreplace(free, free[0] + duration)
+    return max(free)
 
 
 def in_words(seconds: float) -> str:
