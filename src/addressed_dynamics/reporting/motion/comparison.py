@@ -77,17 +77,19 @@ def skate_of(candidate: Candidate) -> float | None:
 
 def outcome(comparisons: Sequence[Comparison], title: str) -> str:
     """Return what comparisons with the model `title` add up to, as the rest of a sentence."""
-    better = [each.quantity for each in comparisons if each.relation == "better"]
-    worse = [each.quantity for each in comparisons if each.relation == "worse"]
+    better, worse = (
+        [each.quantity for each in comparisons if each.relation == relation] for relation in ("better", "worse")
+    )
     if not better and not worse:
         return f"does not clearly differ from {title}"
     if len(better) == len(comparisons):
-        return f"beats {title} in {listed(better)}"
+        return f"beats {title} in {_summed_up(better)}"
     if len(worse) == len(comparisons):
-        return f"is worse than {title} in {listed(worse)}"
+        return f"is worse than {title} in {_summed_up(worse)}"
     if not better:
-        return f"does not beat {title}, which is better in {listed(worse)}"
-    return f"is better than {title} in {listed(better)}" + (f", but worse in {listed(worse)}" if worse else "")
+        return f"does not beat {title}, which is better in {_summed_up(worse)}"
+    rest = f", but worse in {_summed_up(worse)}" if worse else ""
+    return f"is better than {title} in {_summed_up(better)}{rest}"
 
 
 def middle(group: Sequence[Candidate], of: Callable[[Candidate], float | None]) -> float | None:
@@ -110,6 +112,13 @@ def ranking(evaluation: MotionEvaluation, names: Sequence[str]) -> float | None:
     if len(groups) < 3:
         return None
     return rank_correlation(*([median(map(of, group)) for group in groups] for of in (raw_error, score_of)))
+
+
+def _summed_up(quantities: list[str]) -> str:
+    """List quantities, with both kinds of error as one."""
+    if {"raw MAE", "normalised MAE"} <= set(quantities):
+        quantities = ["MAE", *quantities[2:]]
+    return listed(quantities)
 
 
 def _known(group: Sequence[Candidate], of: Callable[[Candidate], float | None]) -> tuple[float, ...]:

@@ -11,7 +11,7 @@ from addressed_dynamics.reporting.motion.figures import addressing, closed_loop,
 from addressed_dynamics.reporting.motion.origin import MotionOrigin, run_facts
 from addressed_dynamics.reporting.motion.paper import SOURCES
 from addressed_dynamics.reporting.motion.recorded import data_blocks
-from addressed_dynamics.reporting.motion.records import ENSEMBLE
+from addressed_dynamics.reporting.motion.records import ENSEMBLE, MotionEvaluation
 from addressed_dynamics.reporting.motion.results import MotionResults
 from addressed_dynamics.reporting.motion.targets import judge_targets, target_table
 from addressed_dynamics.reporting.motion.verdict import findings, verdict
@@ -36,22 +36,27 @@ def build_motion_report(results: MotionResults, origin: MotionOrigin) -> Report:
         Section("What was run", (run_facts(origin, evaluation.delivered),)),
         Section("The data", data_blocks(results.data)),
         Section("One step ahead", _one_step_blocks(results, origin)),
-        Section("Addressing", _addressing_blocks(results)),
+        Section("Addressing", addressing_blocks(evaluation)),
         Section("Closed loop", _loop_blocks(results)),
         Section("Seeds", (tables.seed_table(evaluation),)),
         Section("Training", _training_blocks(results)),
         Section("Runs", (Links("Runs in MLflow that made these models", origin.runs),) if origin.runs else ()),
         Section("Source", (Text(SOURCES),)),
     )
-    data = "SYNTHETIC clips of a made-up walker, not motion capture" if made_up else "motion capture"
     return Report(
         title=origin.title,
-        subtitle=f"An error-based addressing architecture beside PFNN, learned from {data}",
+        subtitle=subtitle(made_up=made_up),
         verdict=verdict(evaluation, targets, made_up=made_up),
-        findings=findings(evaluation, made_up=made_up),
+        findings=findings(evaluation, made_up=made_up, target=origin.features.target),
         targets=target_table(targets, len(evaluation.models[evaluation.own_group])),
         sections=tuple(section for section in sections if section.blocks),
     )
+
+
+def subtitle(*, made_up: bool) -> str:
+    """Return the line below the title, which says plainly when the data are synthetic."""
+    data = "SYNTHETIC clips of a made-up walker, not motion capture" if made_up else "motion capture"
+    return f"An error-based addressing architecture beside PFNN, learned from {data}"
 
 
 def motion_headline(results: MotionResults) -> dict[str, float]:
@@ -72,6 +77,22 @@ def motion_headline(results: MotionResults) -> dict[str, float]:
             "pfnn/closed_loop/score": median(each.closed_loop.score for each in pfnn),
         }
     return figures
+
+
+def addressing_blocks(evaluation: MotionEvaluation) -> tuple[Block, ...]:
+    """Return the section on who serves which frames; nothing if there is one network."""
+    found = evaluation.addressing
+    if found.members < 2:
+        return ()
+    both = found.specialisations
+    return (
+        addressing.phase_shares(found),
+        tables.phase_table(evaluation),
+        specialisation.samples_by_member(both, None, WORDS),
+        specialisation.mean_losses(both, BaselineLosses(train={}, test={}), WORDS),
+        histograms.loss_histograms(both, WORDS),
+        histograms.output_histograms(both, WORDS),
+    )
 
 
 def _loop_blocks(results: MotionResults) -> tuple[Block, ...]:
@@ -101,21 +122,6 @@ def _one_step_blocks(results: MotionResults, origin: MotionOrigin) -> tuple[Bloc
         tables.block_table(evaluation),
         one_step.joint_errors(evaluation),
         one_step.frames_over_time(evaluation, results.arrays),
-    )
-
-
-def _addressing_blocks(results: MotionResults) -> tuple[Block, ...]:
-    found = results.evaluation.addressing
-    if found.members < 2:
-        return ()
-    both = found.specialisations
-    return (
-        addressing.phase_shares(found),
-        tables.phase_table(results.evaluation),
-        specialisation.samples_by_member(both, None, WORDS),
-        specialisation.mean_losses(both, BaselineLosses(train={}, test={}), WORDS),
-        histograms.loss_histograms(both, WORDS),
-        histograms.output_histograms(both, WORDS),
     )
 
 

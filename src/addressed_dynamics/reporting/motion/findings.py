@@ -14,7 +14,7 @@ from addressed_dynamics.reporting.motion.comparison import (
 )
 from addressed_dynamics.reporting.motion.models import UNTRAINED, model_style
 from addressed_dynamics.reporting.motion.paper import PAPER_OWN, PAPER_PFNN
-from addressed_dynamics.reporting.motion.records import MotionEvaluation
+from addressed_dynamics.reporting.motion.records import Candidate, MotionEvaluation
 from addressed_dynamics.reporting.motion.targets import expected_limb_speed
 from addressed_dynamics.reporting.numbers import listed, percent, significant
 
@@ -24,7 +24,7 @@ TELLING = 0.3
 
 def one_step(evaluation: MotionEvaluation) -> str:
     """Say how large the errors on held-out clips are, and whose are the lowest."""
-    own = evaluation.models[evaluation.own_group]
+    own = own_group(evaluation)
     raw, normalised = (median(map(of, own)) for of in (raw_error, normalised_error))
     errors = {name: median(map(raw_error, group)) for name, group in evaluation.models.items()}
     best = min(errors, key=lambda name: errors[name])
@@ -44,12 +44,34 @@ def unseen_gaits(evaluation: MotionEvaluation) -> str:
     missing = [use.gait for use in evaluation.addressing.train.gaits if use.gait not in held_out]
     if not missing:
         return ""
-    return f"The held-out clips hold no frames of {listed(missing)}, so errors on them say nothing of that."
+    return f"The held-out clips hold no {listed(missing)}, so errors on them say nothing of that gait."
+
+
+def trajectory(evaluation: MotionEvaluation, target: str) -> str:
+    """Say how much of a lower raw error than that of PFNN lies in the trajectory, which may be another task for both.
+
+    Args:
+        evaluation: what was measured.
+        target: what our networks are asked for, as `MotionFeatureParams.target`; PFNN predicts the outputs themselves.
+    """
+    pfnn = evaluation.models.get("phase_functioned", [])
+    lead = median(map(raw_error, pfnn)) - median(map(raw_error, own_group(evaluation))) if pfnn else 0.0
+    if lead <= 0 or target == "absolute":
+        return ""
+    sums = [median(map(_of_trajectory, group)) for group in (pfnn, own_group(evaluation))]
+    blocks = [block for block in evaluation.own.test.blocks if block.block.startswith("trajectory")]
+    share = (sums[0] - sums[1]) / (sum(block.columns for block in evaluation.own.test.blocks) * lead)
+    return (
+        f"Of its lead over PFNN in raw MAE, {percent(min(share, 1.0), 0)} lies in "
+        f"{sum(block.columns for block in blocks)} outputs, the trajectory: our networks predict only what that adds "
+        "to the trajectory that they are given, PFNN as it was published all of it. This part says nothing of "
+        "addressing."
+    )
 
 
 def closed_loop(evaluation: MotionEvaluation) -> str:
     """Say whether it is alive, and how it follows, moves and stands."""
-    own = evaluation.models[evaluation.own_group]
+    own = own_group(evaluation)
     runs = [each.closed_loop.run for each in own]
     alive, seconds = sum(run.alive for run in runs), f"{runs[0].seconds:.0f} s"
     seeds = "" if len(runs) == 1 else f" from {alive} of {len(runs)} seeds"
@@ -72,7 +94,7 @@ def closed_loop(evaluation: MotionEvaluation) -> str:
     skate, recorded = middle(own, skate_of), evaluation.reference.of("all").skate_speed
     if skate is not None and recorded is not None:
         text += (
-            f" Feet that it says touch the ground slide at {significant(skate)} cm/s; recorded ones at "
+            f" Feet that it says touch the ground slide at {significant(skate)} cm/s (foot skate); recorded ones at "
             f"{significant(recorded)} cm/s."
         )
     return text
@@ -134,7 +156,7 @@ def addressing(evaluation: MotionEvaluation) -> list[str]:
 
 def near_copies(evaluation: MotionEvaluation) -> str:
     """Say what the errors are on frames such as the paper's, beside those that it states."""
-    own, pfnn = evaluation.models[evaluation.own_group], evaluation.models.get("phase_functioned", [])
+    own, pfnn = own_group(evaluation), evaluation.models.get("phase_functioned", [])
     if not pfnn or not all("rows" in each.one_step for each in (*own, *pfnn)):
         return ""
     ours, theirs = (median(each.one_step["rows"].raw for each in group) for group in (own, pfnn))
@@ -144,6 +166,16 @@ def near_copies(evaluation: MotionEvaluation) -> str:
         f"were trained on. On such near copies the raw MAE here is {significant(ours)} against {significant(theirs)}: "
         f"{order}."
     )
+
+
+def own_group(evaluation: MotionEvaluation) -> list[Candidate]:
+    """Return the delivered kind of model from all its seeds."""
+    return evaluation.models[evaluation.own_group]
+
+
+def _of_trajectory(candidate: Candidate) -> float:
+    blocks = [block for block in candidate.test.blocks if block.block.startswith("trajectory")]
+    return sum(block.raw * block.columns for block in blocks)
 
 
 def _signed(value: float) -> str:

@@ -11,7 +11,9 @@ from addressed_dynamics.reporting.motion.findings import (
     closed_loop,
     near_copies,
     one_step,
+    own_group,
     ranks,
+    trajectory,
     unseen_gaits,
 )
 from addressed_dynamics.reporting.motion.models import CLOSEST
@@ -40,7 +42,7 @@ def verdict(evaluation: MotionEvaluation, targets: Sequence[Target], *, made_up:
     rest = f"; {in_words(unknown)} could not be measured" if unknown else ""
     on = "On synthetic clips the" if made_up else "The"
     sentences = [f"{on} addressed ensemble reaches {how_many} targets{rest}."]
-    own = evaluation.models[evaluation.own_group]
+    own = own_group(evaluation)
     relations = [
         outcome(compare(own, evaluation.models[name]), IN_SENTENCES[name])
         for name in ("phase_functioned", CLOSEST)
@@ -51,12 +53,19 @@ def verdict(evaluation: MotionEvaluation, targets: Sequence[Target], *, made_up:
     return " ".join(sentences)
 
 
-def findings(evaluation: MotionEvaluation, *, made_up: bool) -> tuple[str, ...]:
-    """Return the sentences that the verdict rests on."""
+def findings(evaluation: MotionEvaluation, *, made_up: bool, target: str) -> tuple[str, ...]:
+    """Return the sentences that the verdict rests on.
+
+    Args:
+        evaluation: what was measured.
+        made_up: whether the data are synthetic.
+        target: what our networks are asked for, as `MotionFeatureParams.target`.
+    """
     sentences = [
         one_step(evaluation),
         unseen_gaits(evaluation),
         *_comparisons(evaluation),
+        trajectory(evaluation, target),
         closed_loop(evaluation),
         ranks(evaluation),
         *addressing(evaluation),
@@ -72,7 +81,7 @@ def findings(evaluation: MotionEvaluation, *, made_up: bool) -> tuple[str, ...]:
 
 
 def _comparisons(evaluation: MotionEvaluation) -> list[str]:
-    own = evaluation.models[evaluation.own_group]
+    own = own_group(evaluation)
     return [
         f"Beside {title}: {'; '.join(map(str, compare(own, evaluation.models[name])))}."
         for name, title in IN_SENTENCES.items()
@@ -81,7 +90,7 @@ def _comparisons(evaluation: MotionEvaluation) -> list[str]:
 
 
 def _seeds(evaluation: MotionEvaluation) -> list[str]:
-    own = evaluation.models[evaluation.own_group]
+    own = own_group(evaluation)
     rule = (
         "Comparisons are of medians over seeds: an error or a speed counts as better or worse if it differs from every "
         f"seed by more than {percent(MARGIN - 1, 0)}, a score if it does by more than {SCORE_MARGIN:g}."

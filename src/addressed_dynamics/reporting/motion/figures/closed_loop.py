@@ -22,8 +22,8 @@ from addressed_dynamics.reporting.motion.records import MotionEvaluation
 from addressed_dynamics.reporting.motion.results import Loop, MotionArrays
 from addressed_dynamics.reporting.motion.targets import expected_limb_speed
 
-WINDOW = 15
-"""Frames over which limbs and feet are averaged in the picture: their speeds swing with every step."""
+WINDOW = 30
+"""Frames over which limbs, feet and bones are averaged in the picture: their figures swing with every step."""
 COURSES = (
     ("speed", "speed\n(cm/s)", 1.0, None),
     ("facing_error", "facing error\n(degrees)", 1.0, 60.0),
