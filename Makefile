@@ -86,6 +86,6 @@ deps: $(VENV)/installed
 
 clean:
 	rm -rf $(VENV) build .checkpoints .mlflow .dvc/cache .dvc/tmp data/raw data/tables data/models data/evaluation
-	rm -rf data/reports/*/report.html data/reports/*/report.md data/reports/*/figures
+	rm -rf data/reports/*/report.html data/reports/*/report.md data/reports/*/figures data/reports/*/closed-loop.mcap
 	rm -rf .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache src/*.egg-info
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

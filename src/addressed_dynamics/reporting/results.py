@@ -88,13 +88,13 @@ def load_results(reports: Path, evaluation: Path) -> Results:
         ReportError: a file is missing or malformed.
     """
     results = Results(
-        data=_read_json(reports / "data.json", DataResult),
-        evaluation=_read_json(reports / "evaluation.json", Evaluation),
-        addressing=_read_json(reports / "addressing.json", AddressingTrainings),
-        baselines=_read_json(reports / "baselines.json", dict[str, dict[str, float]]),
-        learner=_read_csv(reports / "learner.csv", by="segment", needed=("return",)),
-        ensemble_curves=_read_csv(reports / "ensemble.csv", by="training", needed=("epoch", "loss/train")),
-        addressing_curves=_read_csv(reports / "addressing.csv", by="training", needed=("epoch", "agreement")),
+        data=read_json(reports / "data.json", DataResult),
+        evaluation=read_json(reports / "evaluation.json", Evaluation),
+        addressing=read_json(reports / "addressing.json", AddressingTrainings),
+        baselines=read_json(reports / "baselines.json", dict[str, dict[str, float]]),
+        learner=read_csv(reports / "learner.csv", by="segment", needed=("return",)),
+        ensemble_curves=read_csv(reports / "ensemble.csv", by="training", needed=("epoch", "loss/train")),
+        addressing_curves=read_csv(reports / "addressing.csv", by="training", needed=("epoch", "agreement")),
         horizon=_read_horizon(reports / "horizon.csv"),
         arrays=_read_arrays(evaluation / "arrays.npz"),
     )
@@ -108,7 +108,12 @@ def load_results(reports: Path, evaluation: Path) -> Results:
     return results
 
 
-def _read_json(path: Path, kind: type[Value]) -> Value:
+def read_json(path: Path, kind: type[Value]) -> Value:
+    """Read a JSON file of a kind.
+
+    Raises:
+        ReportError: it is missing or malformed.
+    """
     try:
         return TypeAdapter(kind).validate_json(_read_text(path))
     except ValidationError as error:
@@ -118,7 +123,12 @@ def _read_json(path: Path, kind: type[Value]) -> Value:
         raise ReportError(message) from error
 
 
-def _read_csv(path: Path, *, by: str, needed: tuple[str, ...]) -> dict[str, Columns]:
+def read_csv(path: Path, *, by: str, needed: tuple[str, ...]) -> dict[str, Columns]:
+    """Read the columns of a CSV file, apart for each value of the column `by`.
+
+    Raises:
+        ReportError: it is missing, one of the columns `needed` is, or a cell is not a number.
+    """
     return _columns(path, _read_rows(path, (by, *needed)), by)
 
 
@@ -157,7 +167,7 @@ def _read_arrays(path: Path) -> Arrays:
         with np.load(path, allow_pickle=False) as file:
             return Arrays(**{field.name: file[field.name] for field in fields(Arrays) if _is_there(field, file)})
     except FileNotFoundError as error:
-        raise _missing(path) from error
+        raise missing_file(path) from error
     except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
         message = f"{path}: not the arrays that the evaluate stage writes ({error}); run it again"
         raise ReportError(message) from error
@@ -171,11 +181,12 @@ def _read_text(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8")
     except FileNotFoundError as error:
-        raise _missing(path) from error
+        raise missing_file(path) from error
     except (OSError, UnicodeDecodeError) as error:
         message = f"{path}: cannot be read ({error}); run the stage that writes it again"
         raise ReportError(message) from error
 
 
-def _missing(path: Path) -> ReportError:
+def missing_file(path: Path) -> ReportError:
+    """Return the error that says so of `path`."""
     return ReportError(f"{path}: missing, so there is nothing to report; 'dvc repro' makes it")

@@ -10,6 +10,7 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 
 from addressed_dynamics.reporting.blocks import Figure, Panel
+from addressed_dynamics.reporting.figures.specialisation import OF_STATES, Words
 from addressed_dynamics.reporting.figures.style import (
     FAINT,
     INK,
@@ -20,6 +21,7 @@ from addressed_dynamics.reporting.figures.style import (
     panel,
     positive,
 )
+from addressed_dynamics.reporting.numbers import listed
 from addressed_dynamics.reporting.results import Columns
 
 WINDOW = 50
@@ -66,7 +68,7 @@ def _trailing_mean(values: Float[np.ndarray, " episode"]) -> Float[np.ndarray, "
     return mean
 
 
-def ensemble_training(curves: Mapping[str, Columns]) -> Figure:
+def ensemble_training(curves: Mapping[str, Columns], words: Words = OF_STATES) -> Figure:
     """Draw losses, specialisation and changes of bins over the epochs of phase 1; the first seed stands out."""
     first, *others = curves
     own = curves[first]
@@ -111,16 +113,20 @@ def ensemble_training(curves: Mapping[str, Columns]) -> Figure:
     )
     caption = (
         "Phase 1, epoch by epoch (delivered seed; others in light grey). Training: mean loss of each network on its "
-        "own bin, in the unit it trains on. Validation: mean loss of states scaled to [0, 1] under each sample's "
+        f"own bin, in the unit it trains on. Validation: mean loss of {words.scaled} under each sample's "
         "best network; then each network apart, on the samples for which it is the best (solid) and on the others "
         "(dotted). Last: share of training samples whose bin is another than in the epoch before."
     )
     return Figure(caption, panels)
 
 
-def addressing_training(curves: Mapping[str, Columns], seed: str) -> Figure | None:
+def addressing_training(
+    curves: Mapping[str, Columns], seed: str, validation: str = "validation episodes"
+) -> Figure | None:
     """Draw agreement and regret of one seed's addressing networks over the epochs of phase 2; None without any."""
     shown = {name.partition("/")[2]: columns for name, columns in curves.items() if name.startswith(f"seed-{seed}/")}
+    if not shown:
+        return None
 
     def draw(axes: Axes, column: str, title: str, factor: float, scale: str) -> None:
         for variant, columns in shown.items():
@@ -146,9 +152,13 @@ def addressing_training(curves: Mapping[str, Columns], seed: str) -> Figure | No
         )
         for name, (column, title, factor, scale) in wanted.items()
     )
+    kinds = {
+        "plain": "the paper's plain cross-entropy",
+        "cost_sensitive": "the one weighted by what a wrong choice costs",
+    }
+    trained = listed([f"for {title}" for name, title in kinds.items() if name in shown])
     caption = (
-        "Phase 2, epoch by epoch, on validation episodes: how often the addressing network selects the best network, "
-        "and its regret (loss of the selected network minus loss of the best), for the paper's plain cross-entropy "
-        "and for the one weighted by what a wrong choice costs."
+        f"Phase 2, epoch by epoch, on {validation}: how often the addressing network selects the best network, "
+        f"and its regret (loss of the selected network minus loss of the best), {trained}."
     )
-    return Figure(caption, panels) if shown else None
+    return Figure(caption, panels)

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure as Canvas
 
 from addressed_dynamics.reporting.blocks import Figure
-from addressed_dynamics.reporting.figures.specialisation import both_splits, splits
+from addressed_dynamics.reporting.figures.specialisation import OF_STATES, Words, both_splits, splits
 from addressed_dynamics.reporting.figures.style import logarithmic, member_colour
 from addressed_dynamics.reporting.numbers import percent, scientific
 from addressed_dynamics.reporting.records import Specialisation, Specialisations
@@ -17,26 +17,26 @@ SURE = 0.95
 """From this output on the addressing network counts as sure of a network."""
 
 
-def loss_histograms(found: Specialisations) -> Figure:
+def loss_histograms(found: Specialisations, words: Words = OF_STATES) -> Figure:
     """Draw how the losses of each member on its own samples are spread (Fig. 10)."""
     tall = 0.8 + max(0.36 * len(found.test.addressed), 1.4)
     what = "Histogram of the losses of each network on its own points"
     reach = [reduce(each.loss_edges[place] for _, each in splits(found)) for place, reduce in ((0, min), (-1, max))]
-    panels = both_splits(found, "losses", what, partial(_draw_losses, reach=reach), height=tall)
+    panels = both_splits(found, "losses", what, partial(_draw_losses, reach=reach), height=tall, words=words)
     caption = (
         "Losses of each network on the points for which it is selected (Fig. 10 of the paper), in ten intervals of "
         "equal width on the logarithmic axis; heights are shares of the network's own points, on one scale in each "
-        f"picture. The first interval also holds smaller losses. {_spread(found)}"
+        f"picture. The first interval also holds smaller losses. {_spread(found, words)}"
     )
     return Figure(caption, panels)
 
 
-def output_histograms(found: Specialisations) -> Figure:
+def output_histograms(found: Specialisations, words: Words = OF_STATES) -> Figure:
     """Draw how the addressing network's outputs are spread for each member (Fig. 11)."""
     columns = _columns(len(found.test.addressed))
     rows = -(-len(found.test.addressed) // columns)
     what = "Histogram of the outputs of the addressing network for each network"
-    panels = both_splits(found, "outputs", what, _draw_outputs, height=1.1 + 1.25 * rows)
+    panels = both_splits(found, "outputs", what, _draw_outputs, height=1.1 + 1.25 * rows, words=words)
     sure = {name: _share_sure(each) for name, each in splits(found)}
     caption = (
         "Outputs of the addressing network after the softmax (Fig. 11 of the paper): for each network the number of "
@@ -85,13 +85,13 @@ def _columns(members: int) -> int:
     return members if members < 4 else 2 if members == 4 else 4
 
 
-def _spread(found: Specialisations) -> str:
+def _spread(found: Specialisations, words: Words) -> str:
     """Say where most of the held-out losses lie."""
     edges, counts = found.test.loss_edges, np.array(found.test.loss_counts).sum(axis=0)
     place = int(counts.argmax())
     share = percent(float(counts[place] / found.test.samples), 0)
     return (
-        f"On held-out episodes the fullest interval, {scientific(edges[place])} to {scientific(edges[place + 1])}, "
+        f"On {words.held_out} the fullest interval, {scientific(edges[place])} to {scientific(edges[place + 1])}, "
         f"holds {share} of the points."
     )
 

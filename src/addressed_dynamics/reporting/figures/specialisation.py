@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from functools import partial
 from statistics import median
 
@@ -25,26 +26,49 @@ from addressed_dynamics.reporting.figures.style import (
 from addressed_dynamics.reporting.numbers import percent, scientific
 from addressed_dynamics.reporting.records import BaselineLosses, Specialisation, Specialisations
 
-SPLITS = {"train": "training points", "test": "held-out episodes"}
-"""The splits that stand side by side, and their titles."""
+SPLITS = ("train", "test")
+"""The splits that stand side by side."""
 
 
-def samples_by_member(found: Specialisations, agreement: float | None) -> Figure:
+@dataclass(frozen=True)
+class Words:
+    """What samples and losses are called, which depends on the kind of data."""
+
+    held_out: str = "held-out episodes"
+    """What the held-out samples come from."""
+    scaled: str = "states scaled to [0, 1]"
+    """What losses are of."""
+
+    def title(self, split: str) -> str:
+        """Return the title of a split."""
+        return {"train": "training points", "test": self.held_out}[split]
+
+
+OF_STATES = Words()
+"""Words for the states of environments."""
+
+
+def samples_by_member(found: Specialisations, agreement: float | None, words: Words = OF_STATES) -> Figure:
     """Draw how many samples each member serves best and is selected for (Fig. 8).
 
     Args:
         found: the shares of the members.
         agreement: what the paper reports of it on its training points; None if nothing.
+        words: what samples and losses are called.
     """
     panels = both_splits(
-        found, "samples", "Samples on which each network has the lowest loss and is selected", _draw_samples
+        found,
+        "samples",
+        "Samples on which each network has the lowest loss and is selected",
+        _draw_samples,
+        words=words,
     )
     reported = "" if agreement is None else f" (the paper, on its training points: {percent(agreement)})"
     least = {name: min(each.addressed) / each.samples for name, each in splits(found)}
     most = {name: max(each.addressed) / each.samples for name, each in splits(found)}
     caption = (
         f"Points per network (Fig. 8 of the paper), of {found.train.samples:,} training points and "
-        f"{found.test.samples:,} of held-out episodes: light, those on which a network has the lowest loss; full, "
+        f"{found.test.samples:,} of {words.held_out}: light, those on which a network has the lowest loss; full, "
         "those for which the addressing network selects it. The two choices agree on "
         f"{percent(found.train.agreement)} of the training points and {percent(found.test.agreement)} of the held-out "
         f"ones{reported}. The networks are selected for {percent(least['train'])} to {percent(most['train'])} of the "
@@ -54,7 +78,7 @@ def samples_by_member(found: Specialisations, agreement: float | None) -> Figure
     return Figure(caption, panels)
 
 
-def mean_losses(found: Specialisations, baselines: BaselineLosses) -> Figure:
+def mean_losses(found: Specialisations, baselines: BaselineLosses, words: Words = OF_STATES) -> Figure:
     """Draw each member's mean loss on all samples and on its own, beside that of single networks (Fig. 9)."""
     singles = {name: _by_model(getattr(baselines, name)) for name in SPLITS}
     rows = 1 + len(found.test.addressed) + max(map(len, singles.values()))
@@ -66,13 +90,13 @@ def mean_losses(found: Specialisations, baselines: BaselineLosses) -> Figure:
 
     def draw(axes: Axes, found: Specialisation, split: str) -> None:
         _draw_mean_losses(axes, found, singles[split])
-        axes.set(xlim=(lowest, highest), title=f"{SPLITS[split]} ({found.samples:,})")
+        axes.set(xlim=(lowest, highest), title=f"{words.title(split)} ({found.samples:,})")
         logarithmic(axes, "x")
 
     panels = tuple(
         panel(
             f"specialisation-mean-loss-{name}",
-            f"Mean loss of each network on all points and on its own, {SPLITS[name]}",
+            f"Mean loss of each network on all points and on its own, {words.title(name)}",
             partial(draw, found=each, split=name),
             size=(4.6, 1.1 + 0.23 * rows),
         )
@@ -80,7 +104,7 @@ def mean_losses(found: Specialisations, baselines: BaselineLosses) -> Figure:
     )
     beside = "; below, single networks, each trained as long" if any(singles.values()) else ""
     caption = (
-        "Mean loss of what the networks predict, of states scaled to [0, 1] (Fig. 9 of the paper): of each network on "
+        f"Mean loss of what the networks predict, of {words.scaled} (Fig. 9 of the paper): of each network on "
         f"all points (ring) and on those for which it is selected (dot){beside}. {_own_against_all(found.test)}"
         f"{_best_single(found.test, singles['test'])}"
     )
@@ -94,13 +118,14 @@ def both_splits(
     draw: Callable[..., None],
     *,
     height: float = 3.0,
+    words: Words = OF_STATES,
 ) -> tuple[Panel, ...]:
     """Draw one picture for each split."""
     return tuple(
         picture(
             f"specialisation-{name}-{split}",
-            f"{what}, {SPLITS[split]}",
-            partial(draw, found=each, title=SPLITS[split]),
+            f"{what}, {words.title(split)}",
+            partial(draw, found=each, title=words.title(split)),
             size=(4.6, height),
         )
         for split, each in splits(found)

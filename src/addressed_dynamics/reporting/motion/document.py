@@ -1,0 +1,131 @@
+"""The report on an experiment of motion as a whole: which sections, tables and figures, in which order."""
+
+from __future__ import annotations
+
+from statistics import median
+
+from addressed_dynamics.reporting.blocks import Block, Links, Report, Section, Text
+from addressed_dynamics.reporting.figures import curves, histograms, specialisation
+from addressed_dynamics.reporting.motion import loop_tables, tables
+from addressed_dynamics.reporting.motion.figures import addressing, closed_loop, films, one_step
+from addressed_dynamics.reporting.motion.origin import MotionOrigin, run_facts
+from addressed_dynamics.reporting.motion.paper import SOURCES
+from addressed_dynamics.reporting.motion.recorded import data_blocks
+from addressed_dynamics.reporting.motion.records import ENSEMBLE, MotionEvaluation
+from addressed_dynamics.reporting.motion.results import MotionResults
+from addressed_dynamics.reporting.motion.targets import judge_targets, target_table
+from addressed_dynamics.reporting.motion.verdict import findings, verdict
+from addressed_dynamics.reporting.records import BaselineLosses
+from addressed_dynamics.training.epochs import updates_per_epoch
+
+WORDS = specialisation.Words(held_out="held-out clips", scaled="normalised outputs")
+"""What samples and losses of motion are called."""
+
+
+def build_motion_report(results: MotionResults, origin: MotionOrigin) -> Report:
+    """Put the report together.
+
+    Args:
+        results: what was measured.
+        origin: where it comes from.
+    """
+    evaluation, made_up = results.evaluation, results.data.made_up
+    targets = judge_targets(evaluation)
+    sections = (
+        Section("In motion", (films.films(evaluation, results.arrays),)),
+        Section("What was run", (run_facts(origin, evaluation.delivered),)),
+        Section("The data", data_blocks(results.data)),
+        Section("One step ahead", _one_step_blocks(results, origin)),
+        Section("Addressing", addressing_blocks(evaluation)),
+        Section("Closed loop", _loop_blocks(results)),
+        Section("Seeds", (tables.seed_table(evaluation),)),
+        Section("Training", _training_blocks(results)),
+        Section("Runs", (Links("Runs in MLflow that made these models", origin.runs),) if origin.runs else ()),
+        Section("Source", (Text(SOURCES),)),
+    )
+    return Report(
+        title=origin.title,
+        subtitle=subtitle(made_up=made_up),
+        verdict=verdict(evaluation, targets, made_up=made_up),
+        findings=findings(evaluation, made_up=made_up, target=origin.features.target),
+        targets=target_table(targets, len(evaluation.models[evaluation.own_group])),
+        sections=tuple(section for section in sections if section.blocks),
+    )
+
+
+def subtitle(*, made_up: bool) -> str:
+    """Return the line below the title, which says plainly when the data are synthetic."""
+    data = "SYNTHETIC clips of a made-up walker, not motion capture" if made_up else "motion capture"
+    return f"An error-based addressing architecture beside PFNN, learned from {data}"
+
+
+def motion_headline(results: MotionResults) -> dict[str, float]:
+    """Return the figures that a table of runs should show."""
+    evaluation = results.evaluation
+    own = evaluation.own
+    figures = {
+        "mae/test": own.test.raw,
+        "mae_normalised/test": own.test.normalised,
+        "closed_loop/score": own.closed_loop.score,
+        "agreement": evaluation.addressing.test.specialisation.agreement,
+        "phase_information": evaluation.addressing.test.all.information_share,
+        "targets/reached": float(sum(target.met is True for target in judge_targets(evaluation))),
+    }
+    if pfnn := evaluation.models.get("phase_functioned"):
+        figures |= {
+            "pfnn/mae/test": median(each.test.raw for each in pfnn),
+            "pfnn/closed_loop/score": median(each.closed_loop.score for each in pfnn),
+        }
+    return figures
+
+
+def addressing_blocks(evaluation: MotionEvaluation) -> tuple[Block, ...]:
+    """Return the section on who serves which frames; nothing if there is one network."""
+    found = evaluation.addressing
+    if found.members < 2:
+        return ()
+    both = found.specialisations
+    return (
+        addressing.phase_shares(found),
+        tables.phase_table(evaluation),
+        specialisation.samples_by_member(both, None, WORDS),
+        specialisation.mean_losses(both, BaselineLosses(train={}, test={}), WORDS),
+        histograms.loss_histograms(both, WORDS),
+        histograms.output_histograms(both, WORDS),
+    )
+
+
+def _loop_blocks(results: MotionResults) -> tuple[Block, ...]:
+    evaluation, arrays = results.evaluation, results.arrays
+    return (
+        loop_tables.loop_table(evaluation),
+        closed_loop.paths_and_scores(evaluation, arrays),
+        closed_loop.over_time(evaluation, arrays),
+        loop_tables.kind_table(evaluation),
+        loop_tables.mode_table(evaluation),
+    )
+
+
+def _one_step_blocks(results: MotionResults, origin: MotionOrigin) -> tuple[Block, ...]:
+    evaluation = results.evaluation
+    updates = {
+        name.partition("/seed-")[0]: int(metrics["updates"])
+        for name, metrics in results.baselines.items()
+        if "updates" in metrics
+    }
+    if "train" in evaluation.splits:
+        recipe = origin.ensemble
+        per_epoch = updates_per_epoch(evaluation.splits["train"], recipe.members, recipe.batch_size)
+        updates[ENSEMBLE] = recipe.epochs * per_epoch
+    return (
+        tables.one_step_table(evaluation, updates),
+        tables.block_table(evaluation),
+        one_step.joint_errors(evaluation),
+        one_step.frames_over_time(evaluation, results.arrays),
+    )
+
+
+def _training_blocks(results: MotionResults) -> tuple[Block, ...]:
+    seed = str(results.evaluation.delivered.seed)
+    figure = curves.addressing_training(results.addressing_curves, seed, "validation clips")
+    return (curves.ensemble_training(results.ensemble_curves, WORDS), *([figure] if figure else []))

@@ -1,0 +1,113 @@
+"""What the earlier stages measured of an experiment of motion, read and checked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from zipfile import BadZipFile
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from addressed_dynamics.errors import ReportError
+from addressed_dynamics.reporting.motion.recorded import MotionData
+from addressed_dynamics.reporting.motion.records import MotionEvaluation
+from addressed_dynamics.reporting.records import AddressingTrainings
+from addressed_dynamics.reporting.results import Columns, missing_file, read_csv, read_json
+
+
+@dataclass(frozen=True)
+class Loop:
+    """The closed loop of one model under the test script; what leads to the next frame is one shorter."""
+
+    joint_position: Float[np.ndarray, "time 31 3"]
+    """In the world, in cm."""
+    root_position: Float[np.ndarray, "time 2"]
+    """x and z, in cm."""
+    commanded_velocity: Float[np.ndarray, "time 2"]
+    """x and z, in cm/frame."""
+    contact: Float[np.ndarray, "time 4"]
+    """Probability that each of `layout.CONTACTS` touches the ground."""
+    speed: Float[np.ndarray, " step"]
+    """Of the root over half a second, in cm/s, as all speeds that follow."""
+    commanded_speed: Float[np.ndarray, " step"]
+    facing_error: Float[np.ndarray, " step"]
+    """In degrees."""
+    limb_speed: Float[np.ndarray, " step"]
+    slowest_foot_speed: Float[np.ndarray, " step"]
+    bone_drift: Float[np.ndarray, " step"]
+    """Mean share by which bones are too long or too short."""
+    living: Bool[np.ndarray, " step"]
+
+
+@dataclass(frozen=True)
+class MotionArrays:
+    """arrays.npz: what the figures show."""
+
+    true: Float[np.ndarray, "time joint 3"]
+    """Hips and head over the first frames of a held-out clip, in the frame of the root, in cm."""
+    frames: Mapping[str, Float[np.ndarray, "time joint 3"]]
+    """What each model predicts of them one step ahead, by its name."""
+    loops: Mapping[str, Loop]
+    """The closed loop of each."""
+
+
+@dataclass(frozen=True)
+class MotionResults:
+    """All that a report is made from."""
+
+    data: MotionData
+    evaluation: MotionEvaluation
+    addressing: AddressingTrainings
+    baselines: dict[str, dict[str, float]]
+    """baselines.json: last metrics of each baseline, with `parameters` and `updates`."""
+    ensemble_curves: Mapping[str, Columns]
+    addressing_curves: Mapping[str, Columns]
+    arrays: MotionArrays
+
+
+def load_motion_results(reports: Path, evaluation: Path) -> MotionResults:
+    """Read what the stages before the report wrote.
+
+    Args:
+        reports: folder of the JSON and CSV files.
+        evaluation: folder of arrays.npz.
+
+    Raises:
+        ReportError: a file is missing or malformed.
+    """
+    found = read_json(reports / "evaluation.json", MotionEvaluation)
+    arrays = _read_arrays(evaluation / "arrays.npz")
+    if found.own_name not in arrays.loops:
+        message = f"{evaluation / 'arrays.npz'}: there is nothing of {found.own_name}; run evaluate_motion again"
+        raise ReportError(message)
+    return MotionResults(
+        data=read_json(reports / "data.json", MotionData),
+        evaluation=found,
+        addressing=read_json(reports / "addressing.json", AddressingTrainings),
+        baselines=read_json(reports / "baselines.json", dict[str, dict[str, float]]),
+        ensemble_curves=read_csv(reports / "ensemble.csv", by="training", needed=("epoch", "loss/train")),
+        addressing_curves=read_csv(reports / "addressing.csv", by="training", needed=("epoch", "agreement")),
+        arrays=arrays,
+    )
+
+
+def _read_arrays(path: Path) -> MotionArrays:
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            names = [name.removeprefix("frames.") for name in file.files if name.startswith("frames.")]
+            names.remove("true")
+            return MotionArrays(
+                file["frames.true"],
+                {name: file[f"frames.{name}"] for name in names},
+                {
+                    name: Loop(**{each.name: file[f"loop.{name}.{each.name}"] for each in fields(Loop)})
+                    for name in names
+                },
+            )
+    except FileNotFoundError as error:
+        raise missing_file(path) from error
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
+        message = f"{path}: not the arrays that the evaluate_motion stage writes ({error}); run it again"
+        raise ReportError(message) from error
