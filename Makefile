@@ -66,7 +66,7 @@ example: $(VENV)/installed
 	@cp params.yaml params.yaml.partial
 	@trap 'mv params.yaml.partial params.yaml' EXIT; trap 'exit 130' INT TERM; PATH="$(CURDIR)/$(BIN):$$PATH" \
 	    dvc exp run -S params_file=examples/pendulum/params.yaml -S 'experiments=[pendulum]' -S 'recorded=[]' \
-	    -S '+imported.pendulum=examples/pendulum/logs'
+	    -S '+imported.pendulum=examples/pendulum/logs' -S '~motions.pfnn' -S 'made_up=[]'
 
 test: $(VENV)/checked
 	$(BIN)/ruff check

@@ -21,12 +21,16 @@ from addressed_dynamics.evaluation.motion_suite import (
 )
 from addressed_dynamics.files import atomic_path, save_arrays, write_json
 from addressed_dynamics.models.files import load_motion_network
-from addressed_dynamics.motion.tables import load_motion
+from addressed_dynamics.motion.splits import MotionSplit
+from addressed_dynamics.motion.tables import load_motion, read_columns
 from addressed_dynamics.params import load_motion_params
 from addressed_dynamics.training.losses import reported_loss
 from addressed_dynamics.training.runtime import prepare_torch
 from pipeline.addressings import trained_ensembles
 from pipeline.common import available_cores, evaluation_dir, models_dir, reports_dir, run_stage, tables_dir
+
+HELD_OUT: tuple[MotionSplit, ...] = ("test", "cycles", "rows")
+"""Splits that are evaluated: whole clips, which are always needed, and what else the params hold out."""
 
 
 def main(experiment: str, params_file: Path) -> None:
@@ -34,11 +38,11 @@ def main(experiment: str, params_file: Path) -> None:
     params = load_motion_params(params_file, experiment).evaluation
     prepare_torch(threads=1)
     tables, folder_of_models = tables_dir(experiment), models_dir(experiment)
-    held_out = {split: load_motion(tables, split) for split in ("test", "cycles", "rows")}
+    filled = {"test", *read_columns(tables, ["split"])["split"].tolist()}
     data = MotionData(
         load_motion(tables, "train"),
         load_motion(tables, "validation"),
-        {split: motion for split, motion in held_out.items() if len(motion)},
+        {split: load_motion(tables, split) for split in HELD_OUT if split in filled},
     )
     ensembles = load_motion_ensembles(folder_of_models)
     candidates = [

@@ -1,4 +1,4 @@
-"""A section of a params file for tests to change: the tiny one, with a recording plan of all behaviours."""
+"""Sections of a params file for tests to change: the tiny ones, with a recording plan of all behaviours."""
 
 from pathlib import Path
 from typing import Any
@@ -50,14 +50,16 @@ RECORD = {
 """A recording plan with every kind of behaviour."""
 
 
-def _tiny_section() -> dict[str, Any]:
+def _tiny_section(name: str) -> dict[str, Any]:
     text = (Path(__file__).parent / "tiny_params.yaml").read_text()
-    section: dict[str, Any] = YAML(typ="safe", pure=True).load(text)["mountaincar"]
+    section: dict[str, Any] = YAML(typ="safe", pure=True).load(text)[name]
     return section
 
 
-EXAMPLE: dict[str, Any] = _tiny_section() | {"record": RECORD}
+EXAMPLE: dict[str, Any] = _tiny_section("mountaincar") | {"record": RECORD}
 """A whole section of a params file."""
+MOTION: dict[str, Any] = _tiny_section("pfnn")
+"""The same for an experiment with motion capture."""
 
 
 def write_params(path: Path, **experiments: Any) -> Path:

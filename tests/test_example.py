@@ -3,6 +3,8 @@
 import hashlib
 import json
 import os
+import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -16,7 +18,7 @@ from addressed_dynamics.tables import load_transitions
 
 ROOT = Path(__file__).parents[1]
 EXAMPLE = ROOT / "examples" / "pendulum"
-ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
+ENVIRONMENT = os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'src'}", "OMP_NUM_THREADS": "1"}
 STAGES = ("import_logs", "convert", "train_ensemble", "train_addressing", "train_baselines", "evaluate", "report")
 ALL_STAGES = f"""
 from importlib import import_module
@@ -59,6 +61,26 @@ def test_the_params_of_the_example_are_params_and_name_themselves() -> None:
     document = YAML(typ="safe", pure=True).load((EXAMPLE / "params.yaml").read_text(encoding="utf-8"))
     assert document["params_file"] == (EXAMPLE / "params.yaml").relative_to(ROOT).as_posix()
     assert document["experiments"] == list(document["imported"]) == ["pendulum"]
+
+
+def overrides(file: Path) -> list[str]:
+    """Return the settings that the command `dvc exp run` in a file gives the example."""
+    command = file.read_text(encoding="utf-8").partition("dvc exp run")[2].replace("\\\n", " ")
+    return re.findall(r"-S '?([^'\s]+)'?", command.partition("\n")[0])
+
+
+def test_the_command_for_the_example_makes_params_yaml_that_of_the_example(tmp_path: Path) -> None:
+    settings = overrides(ROOT / "Makefile")
+    assert settings == overrides(EXAMPLE / "README.md")
+    shutil.copy(ROOT / "params.yaml", tmp_path)
+    # In a process of its own, for DVC warns of what it imports.
+    run(tmp_path, "-c", f"from pathlib import Path; from dvc.utils.hydra import apply_overrides as apply\n"
+                        f"apply(Path('params.yaml'), {settings})")  # fmt: skip
+    files = (tmp_path / "params.yaml", EXAMPLE / "params.yaml")
+    changed, example = (YAML(typ="safe", pure=True).load(file.read_text(encoding="utf-8")) for file in files)
+    lists = ("params_file", "experiments", "recorded", "imported", "motions", "made_up")
+    assert {name: changed[name] for name in lists} == {name: example[name] for name in lists}
+    assert set(lists) == {name for name, value in changed.items() if "title" not in value}
 
 
 @pytest.mark.slow

@@ -5,11 +5,21 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from example_params import EXAMPLE, OPTIMISER, write_params
+from example_params import EXAMPLE, MOTION, OPTIMISER, write_params
 from pydantic import ValidationError
 
 from addressed_dynamics.errors import ParamsError
-from addressed_dynamics.params import ExperimentParams, RecordedRollouts, load_params, load_recipes
+from addressed_dynamics.params import (
+    ExperimentParams,
+    RecordedRollouts,
+    load_motion_params,
+    load_motion_recipes,
+    load_params,
+    load_recipes,
+    load_record_params,
+    load_source_params,
+)
+from addressed_dynamics.params_motion import MotionExperimentParams
 from addressed_dynamics.params_recording import DqnBehaviour
 
 SINGLE = {"hidden": [8], "activation": "relu", "batch_size": 4}
@@ -20,9 +30,13 @@ def read(tmp_path: Path, section: Any) -> ExperimentParams:
     return load_params(write_params(tmp_path / "params.yaml", car=section), "car")
 
 
-def changed(path: str, value: Any) -> dict[str, Any]:
+def read_motion(tmp_path: Path, section: Any) -> MotionExperimentParams:
+    return load_motion_params(write_params(tmp_path / "params.yaml", walk=section), "walk")
+
+
+def changed(path: str, value: Any, example: dict[str, Any] = EXAMPLE) -> dict[str, Any]:
     """Return the example with the value at the dotted `path` replaced, or removed if it is `...`."""
-    section = copy.deepcopy(EXAMPLE)
+    section = copy.deepcopy(example)
     *parents, last = [int(key) if key.isdigit() else key for key in path.split(".")]
     place: Any = section
     for key in parents:
@@ -156,3 +170,100 @@ def test_a_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
     path.write_bytes(b"\xff\xfe\x00")
     with pytest.raises(ParamsError, match="cannot be read"):
         load_params(path, "car")
+
+
+def test_a_whole_section_of_motion_is_read(tmp_path: Path) -> None:
+    params = read_motion(tmp_path, MOTION)
+    assert params.walker is not None
+    assert params.walker.minutes == MOTION["walker"]["minutes"]
+    assert params.baselines.phase_functioned.members == 4
+    assert params.evaluation.released is None
+    assert read_motion(tmp_path, changed("walker", ..., MOTION)).walker is None
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "what"),
+    [
+        ("walker.minuts", 2.0, "walk.walker.minuts: unknown key"),
+        ("walker.minutes", 0.0, "walk.walker.minutes: input should be greater than 0"),
+        ("record", {}, "walk.record: unknown key"),
+        ("kind", "motoin", "walk.kind: input should be 'motion', but it is 'motoin'"),
+        ("convert.test_clips", "Walker_jog", "walk.convert.test_clips: input should be a valid"),
+        ("convert.rows_share", ..., "walk.convert.rows_share: missing key"),
+        ("convert.test_share", 0.8, "validation_share + test_share must be below 1"),
+        ("convert.cycles_share", 0.8, "cycles_share + rows_share + validation_share must be below 1"),
+        ("features", ..., "walk.features: missing key"),
+        ("features.target", "relative", "walk.features.target: input should be 'absolute', 'change' or"),
+        ("features.joint_input_weight", 0.0, "walk.features.joint_input_weight: input should be greater than 0"),
+        ("features.history", 3, "walk.features.history: unknown key"),
+        ("augmentation", ..., "walk.augmentation: missing key"),
+        ("augmentation.pose_mix", 1.5, "walk.augmentation.pose_mix: input should be less than or equal to 1"),
+        ("ensemble.dropout", 1.0, "walk.ensemble.dropout: input should be less than 1"),
+        ("ensemble.memebrs", 2, "walk.ensemble.memebrs: unknown key"),
+        ("baselines.train", ["pfnn"], "walk.baselines.train.0: input should be"),
+        ("baselines.phase_functioned.epochs", 2, "walk.baselines.phase_functioned.epochs: unknown key"),
+        ("baselines.learned_blend", ..., "walk.baselines.learned_blend: missing key"),
+        ("baselines.learned_blend.optimiser.betas", [0.9], "walk.baselines.learned_blend.optimiser.betas.1: missing"),
+        ("evaluation.closed_loop.validation_scripts", 0, "walk.evaluation.closed_loop.validation_scripts: input"),
+        ("evaluation.rollouts", {}, "walk.evaluation.rollouts: unknown key"),
+        ("evaluation.released", 3, "walk.evaluation.released: input should be a valid string"),
+        ("paper_recipe.augmentaton", {}, "walk.paper_recipe.augmentaton: unknown key"),
+        ("paper_recipe.augmentation", {"pose_nois": 0.0}, "walk.augmentation.pose_nois: unknown key"),
+        ("paper_recipe.addressing", {"epoch": 1}, "walk.addressing.epoch: unknown key"),
+        ("recipe", "papr", "walk.recipe: input should be 'default' or 'paper', but it is 'papr'"),
+    ],
+)
+def test_a_wrong_value_in_a_section_of_motion_is_one_line_with_the_path_of_its_key(
+    tmp_path: Path, path: str, value: Any, what: str
+) -> None:
+    with pytest.raises(ParamsError) as caught:
+        read_motion(tmp_path, changed(path, value, MOTION))
+    message = str(caught.value)
+    assert what in message
+    assert str(tmp_path / "params.yaml") in message
+    assert "\n" not in message
+
+
+def test_the_paper_recipe_of_motion_takes_the_place_of_some_keys(tmp_path: Path) -> None:
+    section = MOTION | {
+        "paper_recipe": {
+            "features": {"target": "absolute"},
+            "augmentation": {"pose_noise": 0.0, "gait_swap": 0.0},
+            "ensemble": {"loss": "mae"},
+            "addressing": {"epochs": 7, "variants": ["plain"]},
+        }
+    }
+    default, paper = load_motion_recipes(write_params(tmp_path / "params.yaml", walk=section), "walk")
+    assert default == read_motion(tmp_path, section)
+    assert (paper.features.target, paper.features.joint_input_weight) == ("absolute", 1.0)
+    assert paper.augmentation == default.augmentation.model_copy(update={"pose_noise": 0.0, "gait_swap": 0.0})
+    assert paper.ensemble == default.ensemble.model_copy(update={"loss": "mae"})
+    assert (paper.addressing.epochs, paper.baselines.addressing.epochs) == (7, 7)
+    assert paper.baselines.train == default.baselines.train
+    path = write_params(tmp_path / "params.yaml", walk=section | {"recipe": "paper"})
+    chosen, other = load_motion_recipes(path, "walk")
+    assert chosen.augmentation == paper.augmentation
+    assert other.augmentation == default.augmentation
+    assert load_motion_params(path, "walk") == chosen
+
+
+@pytest.mark.parametrize("load", [load_params, load_recipes, load_record_params, load_source_params])
+def test_an_experiment_of_motion_is_none_with_an_environment(tmp_path: Path, load: Any) -> None:
+    path = write_params(tmp_path / "params.yaml", walk=MOTION)
+    with pytest.raises(ParamsError, match=r"walk: .*name it under 'motions' in params\.yaml, not under 'experiments'"):
+        load(path, "walk")
+
+
+@pytest.mark.parametrize("load", [load_motion_params, load_motion_recipes])
+def test_an_experiment_with_an_environment_is_none_of_motion(tmp_path: Path, load: Any) -> None:
+    path = write_params(tmp_path / "params.yaml", car=EXAMPLE)
+    with pytest.raises(ParamsError, match=r"car: .*no 'kind: motion' .*under 'experiments' in params\.yaml, not under"):
+        load(path, "car")
+    with pytest.raises(ParamsError, match="walk: input should be"):
+        load(write_params(path, walk=3), "walk")
+
+
+def test_the_lists_at_the_top_of_a_file_are_no_experiments(tmp_path: Path) -> None:
+    path = write_params(tmp_path / "params.yaml", motions={"walk": "clips"}, imported={"arm": "logs"}, walk=MOTION)
+    with pytest.raises(ParamsError, match=r"no experiment 'jog' in it \(experiments there: walk\)"):
+        load_motion_params(path, "jog")

@@ -9,14 +9,21 @@ import time
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 from ruamel.yaml import YAML
 from stage_dependencies import ROOT, first_party, is_data
 
-from addressed_dynamics.params import load_params
+from addressed_dynamics.params import load_motion_params, load_motion_recipes, load_params
 
 EXPERIMENTS = ("mountaincar", "acrobot")
 STAGES = ("record", "convert", "train_ensemble", "train_addressing", "train_baselines", "evaluate", "report")
+MOTION_EXPERIMENTS = ("pfnn",)
+AFTER_MOTION_ADDRESSING = ("train_motion_addressing", "evaluate_motion")
+"""The stage that trains on `addressing`, and those that use what it trains, in the order in which they run."""
+MOTION_STAGES = (
+    "make_clips", "import_motion", "train_motion_ensemble", "train_motion_baselines", *AFTER_MOTION_ADDRESSING
+)  # fmt: skip
 
 
 def environment(clone: Path) -> dict[str, str]:
@@ -79,6 +86,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A clone in which the whole pipeline has run once."""
     clone = new_clone(tmp_path_factory.mktemp("clone"))
     expected = [f"{stage}@{experiment}" for stage in STAGES for experiment in EXPERIMENTS]
+    expected += [f"{stage}@{experiment}" for stage in MOTION_STAGES for experiment in MOTION_EXPERIMENTS]
     assert sorted(stages_run(dvc(clone, "repro"))) == sorted(expected)
     return clone
 
@@ -91,11 +99,19 @@ def clone(finished: Path, tmp_path: Path) -> Path:
 
 def test_the_tiny_params_are_params() -> None:
     assert load_params(ROOT / "tests" / "tiny_params.yaml", "mountaincar").ensemble.epochs == 2
+    assert load_motion_params(ROOT / "tests" / "tiny_params.yaml", "pfnn").ensemble.epochs == 2
 
 
 @pytest.mark.parametrize("file", ["params.yaml", "params/paper.yaml"])
 def test_the_scales_are_params_and_name_themselves(file: str) -> None:
-    load_params(ROOT / file, "mountaincar")
+    for experiment in EXPERIMENTS:
+        load_params(ROOT / file, experiment)
+    for experiment in MOTION_EXPERIMENTS:
+        default, paper = load_motion_recipes(ROOT / file, experiment)
+        assert default.recipe == "default"
+        assert paper.features.target == "absolute"
+        # So that every experiment that `made_up` names in params.yaml can be made up at either scale.
+        assert default.walker is not None
     document = YAML(typ="safe", pure=True).load((ROOT / "params.yaml").read_text(encoding="utf-8"))
     assert document["params_file"] == "params.yaml"
 
@@ -121,7 +137,7 @@ def test_the_locks_pin_every_declared_dependency_once() -> None:
     assert not runs & checks
 
 
-@pytest.mark.parametrize("stage", [*STAGES, "import_logs"])
+@pytest.mark.parametrize("stage", [*STAGES, "import_logs", *MOTION_STAGES])
 def test_a_stage_depends_on_exactly_the_modules_that_it_imports(stage: str) -> None:
     document = YAML(typ="safe", pure=True).load((ROOT / "dvc.yaml").read_text(encoding="utf-8"))
     definition = document["stages"][stage]
@@ -169,6 +185,36 @@ def test_a_change_of_the_addressing_runs_addressing_evaluation_and_report_again(
     edit_params(clone, "variants: [plain, cost_sensitive]", "variants: [cost_sensitive]")
     ran = stages_run(dvc(clone, "repro"))
     assert ran == ["train_addressing@mountaincar", "evaluate@mountaincar", "report@mountaincar"]
+
+
+@pytest.mark.slow
+def test_the_motion_ends_in_an_evaluation_of_every_model(finished: Path) -> None:
+    evaluation = json.loads((finished / "data" / "reports" / "pfnn" / "evaluation.json").read_text(encoding="utf-8"))
+    groups = {each["group"] for each in evaluation["candidates"].values()}
+    modes = {f"ensemble/{mode}" for mode in ("argmax", "sample", "mixture", "blend")}
+    assert groups == modes | {"phase_functioned", "mean", "persistence", "ridge"}
+    assert f"ensemble/{evaluation['delivered']['mode']}" in modes
+    with np.load(finished / "data" / "evaluation" / "pfnn" / "arrays.npz") as arrays:
+        assert arrays["loop.phase_functioned/seed-0.joint_position"].shape == (3600, 31, 3)
+
+
+@pytest.mark.slow
+def test_a_change_of_the_addressing_of_motion_runs_that_and_what_uses_it_again(clone: Path) -> None:
+    edit_params(clone, "tie_share: 0.9", "tie_share: 0.8")
+    assert stages_run(dvc(clone, "repro")) == [f"{stage}@pfnn" for stage in AFTER_MOTION_ADDRESSING]
+
+
+@pytest.mark.slow
+def test_clips_of_ones_own_take_the_place_of_those_that_are_made_up_and_are_followed(clone: Path) -> None:
+    shutil.copytree(clone / "data" / "raw" / "pfnn", clone / "clips")
+    edit_params(clone, "motions: {pfnn: data/raw/pfnn}", "motions: {pfnn: clips}")
+    edit_params(clone, "made_up: [pfnn]", "made_up: []")
+    # The same clips elsewhere: the tables are the same, so nothing after them runs.
+    assert stages_run(dvc(clone, "repro", "--downstream", "import_motion@pfnn")) == ["import_motion@pfnn"]
+    for path in (clone / "clips").glob("Walker_stroll*"):
+        path.unlink()
+    ran = stages_run(dvc(clone, "repro", "train_motion_ensemble@pfnn"))
+    assert ran == ["import_motion@pfnn", "train_motion_ensemble@pfnn"]
 
 
 @pytest.mark.slow

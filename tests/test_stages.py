@@ -1,4 +1,4 @@
-"""The stages `record` and `convert` as they are called, and how a stage ends when it cannot finish."""
+"""The stages that get data as they are called, and how a stage ends when it cannot finish."""
 
 import os
 import re
@@ -12,14 +12,17 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from example_params import EXAMPLE, segment, write_params
+from example_params import EXAMPLE, MOTION, segment, write_params
 
 from addressed_dynamics.errors import LogError
+from addressed_dynamics.motion.splits import MOTION_SPLITS
+from addressed_dynamics.motion.tables import read_columns
 from addressed_dynamics.tables import load_transitions
-from pipeline.common import run_stage
+from pipeline import import_motion, make_clips
+from pipeline.common import run_import, run_stage
 
 ROOT = Path(__file__).parents[1]
-ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT)}
+ENVIRONMENT = os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'src'}"}
 LONG = {"shard_transitions": 1000, "segments": [segment("long", {"kind": "random", "mean_hold_steps": 5})]}
 LONG["segments"][0]["transitions"] = 2_000_000
 
@@ -95,7 +98,13 @@ def test_convert_without_a_recording_is_one_line(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "forbidden"), [("record", ["mlflow"]), ("convert", ["mlflow", "torch", "stable_baselines3", "gymnasium"])]
+    ("name", "forbidden"),
+    [
+        ("record", ["mlflow"]),
+        ("convert", ["mlflow", "torch", "stable_baselines3", "gymnasium"]),
+        ("make_clips", ["mlflow", "torch", "gymnasium", "pyarrow"]),
+        ("import_motion", ["mlflow", "torch", "gymnasium"]),
+    ],
 )
 def test_a_stage_does_not_import_what_it_does_not_use(name: str, forbidden: list[str]) -> None:
     check = f"import sys, pipeline.{name}; sys.exit(', '.join(set({forbidden}) & set(sys.modules)) or None)"
@@ -103,13 +112,15 @@ def test_a_stage_does_not_import_what_it_does_not_use(name: str, forbidden: list
     assert done.returncode == 0, done.stderr
 
 
-def call(monkeypatch: pytest.MonkeyPatch, main: Callable[[str, Path], None]) -> int | str | None:
-    """Run `main` as a stage in this process and return its status."""
-    monkeypatch.setattr(sys, "argv", ["stage", "--experiment", "car", "--params", "some.yaml"])
+def call(
+    monkeypatch: pytest.MonkeyPatch, main: Callable[..., None], *more: str, run: Callable[..., None] = run_stage
+) -> int | str | None:
+    """Run `main` as a stage in this process, with `more` options, and return its status."""
+    monkeypatch.setattr(sys, "argv", ["stage", "--experiment", "car", "--params", "some.yaml", *more])
     previous = signal.getsignal(signal.SIGTERM)
     try:
         with pytest.raises(SystemExit) as ended:
-            run_stage(main)
+            run(main)
     finally:
         signal.signal(signal.SIGTERM, previous)
     return ended.value.code
@@ -154,3 +165,129 @@ def test_sigterm_cleans_up_like_ctrl_c(monkeypatch: pytest.MonkeyPatch, capsys: 
     assert call(monkeypatch, main) == 143
     assert cleaned == [True]
     assert capsys.readouterr().err == "terminated\n"
+
+
+def test_a_stage_that_imports_gets_its_source_too(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    calls = []
+    status = call(monkeypatch, lambda *options: calls.append(options), "--source", "logs/a.npz", run=run_import)
+    assert status == 0
+    assert calls == [("car", Path("some.yaml"), Path("logs/a.npz"))]
+    assert call(monkeypatch, lambda *options: calls.append(options), run=run_import) == 2
+    assert "--source" in capsys.readouterr().err
+    assert len(calls) == 1
+
+    def refuse(*_: Any) -> None:
+        message = "a.npz: damaged"
+        raise LogError(message)
+
+    assert call(monkeypatch, refuse, "--source", "logs/a.npz", run=run_import) == 1
+    assert capsys.readouterr().err == "error: a.npz: damaged\n"
+
+
+@pytest.fixture
+def motion_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty working folder with the params of an experiment of motion, in which stages are called."""
+    monkeypatch.chdir(tmp_path)
+    write_params(tmp_path / "some.yaml", car=MOTION)
+    return tmp_path
+
+
+@pytest.mark.slow
+def test_clips_are_made_up_and_imported(motion_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert call(monkeypatch, make_clips.main) == 0
+    assert [path.name for path in (motion_folder / "data" / "raw").iterdir()] == ["car"]
+    assert call(monkeypatch, import_motion.main, "--source", "data/raw/car", run=run_import) == 0
+    splits = read_columns(motion_folder / "data" / "tables" / "car", ["split"])["split"]
+    # As few minutes as will do: some frames are left for everything that they are needed for.
+    assert set(splits.tolist()) == set(MOTION_SPLITS)
+    assert (motion_folder / "data" / "reports" / "car" / "data.json").exists()
+
+
+def missing(source: Path) -> None:
+    assert not source.exists()
+
+
+def text_file(source: Path) -> None:
+    source.write_text("no arrays\n")
+
+
+def empty_file(source: Path) -> None:
+    source.touch()
+
+
+def empty_folder(source: Path) -> None:
+    source.mkdir()
+
+
+def clip_without_side_files(source: Path) -> None:
+    source.mkdir()
+    (source / "walk.bvh").write_text("HIERARCHY\n")
+    (source / "walk.phase").write_text("0.5\n")
+
+
+@pytest.mark.parametrize("make", [missing, text_file, empty_file, empty_folder, clip_without_side_files])
+def test_a_bad_source_of_motion_is_one_line_and_nothing_is_half_written(
+    motion_folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    make: Callable[[Path], None],
+) -> None:
+    make(motion_folder / "database.npz")
+    assert call(monkeypatch, import_motion.main, "--source", "database.npz", run=run_import) == 1
+    *_, last = capsys.readouterr().err.splitlines()
+    assert last.startswith("error: database.npz: ")
+    assert [path for path in motion_folder.rglob("*") if "data" in path.parts and path.is_file()] == []
+    assert not (motion_folder / "data" / "tables" / "car").exists()
+
+
+def test_what_cannot_be_made_up_is_one_line(
+    motion_folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for walker, what in {None: "there is no 'walker'", 0.5: "has no gait cycle"}.items():
+        section = MOTION | {"walker": walker and {"minutes": walker, "seed": 0}}
+        write_params(motion_folder / "some.yaml", car=section)
+        assert call(monkeypatch, make_clips.main) == 1
+        (line,) = capsys.readouterr().err.splitlines()
+        assert line.startswith("error: ")
+        assert what in line
+        assert not (motion_folder / "data" / "raw" / "car").exists()
+
+
+TRAIN_BASELINES = """
+import shutil
+from pathlib import Path
+from pipeline import import_motion, make_clips, train_motion_baselines
+params = Path("params.yaml")
+make_clips.main("car", params)
+import_motion.main("car", params, Path("data/raw/car"))
+for name in ("first", "second"):
+    train_motion_baselines.main("car", params)
+    shutil.copytree("data/models/car", f"{name}/models")
+    shutil.copytree("data/reports/car", f"{name}/reports")
+"""
+"""In one process, which imports torch and MLflow once."""
+
+
+@pytest.mark.slow
+def test_all_baselines_of_motion_are_trained_again_to_the_same_bytes(tmp_path: Path) -> None:
+    names = ["phase_functioned", "learned_blend", "total_parameters", "same_size", "other_recipe"]
+    write_params(tmp_path / "params.yaml", car=MOTION | {"baselines": MOTION["baselines"] | {"train": names}})
+    environment = ENVIRONMENT | {"OMP_NUM_THREADS": "1"}
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", TRAIN_BASELINES],
+        cwd=tmp_path, env=environment, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    written = [
+        {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+        for folder in (tmp_path / "first", tmp_path / "second")
+    ]
+    # Which run of MLflow it was is not part of what is learned.
+    first, second = ({name: it for name, it in files.items() if "mlflow" not in name} for files in written)
+    assert first == second
+    folders = {Path(name).parts[2] for name in first if name.endswith(".safetensors")}
+    assert folders == {"phase_functioned", "learned_blend", "total_parameters", "same_size", "paper_recipe"}
+    assert {"reports/baselines.json", "reports/baselines.csv"} <= set(first)
+    assert not [path for path in (tmp_path / ".checkpoints").rglob("*") if path.is_file()]

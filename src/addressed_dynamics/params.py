@@ -183,21 +183,13 @@ def load_motion_recipes(path: Path, experiment: str) -> tuple[MotionExperimentPa
         ParamsError: as in `load_motion_params`.
     """
     section = _read_section(path, experiment)
-    if not _is_motion(section):
-        message = f"{path}: {experiment}: expected an experiment with 'kind: motion', but it is one of an environment"
+    if isinstance(section, dict) and "kind" not in section:
+        message = (
+            f"{path}: {experiment}: expected an experiment of motion capture, but there is no 'kind: motion' in it; "
+            "name one with an environment under 'experiments' in params.yaml, not under 'motions'"
+        )
         raise ParamsError(message)
     return _load_recipes(path, experiment, section, MotionExperimentParams)
-
-
-def load_trained_params(path: Path, experiment: str) -> ExperimentParams | MotionExperimentParams:
-    """Read the section of an experiment of either kind, with the recipe it asks for.
-
-    Raises:
-        ParamsError: as in `load_params`.
-    """
-    if _is_motion(_read_section(path, experiment)):
-        return load_motion_params(path, experiment)
-    return load_params(path, experiment)
 
 
 def load_record_params(path: Path, experiment: str) -> RecordParams:

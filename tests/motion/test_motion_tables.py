@@ -121,7 +121,7 @@ def nan_in_first(column: pa.ChunkedArray) -> pa.Array:
 
 
 WRONG = {
-    "no description": (lambda table: table.replace_schema_metadata(None), "but not a table of motion that the convert"),
+    "no description": (lambda t: t.replace_schema_metadata(None), "but not a table of motion that import_motion wrote"),
     "another kind": (with_metadata(lambda about: about | {"kind": "steps"}), "but not a table of motion"),
     "a damaged description": (lambda t: t.replace_schema_metadata({METADATA_KEY: "{"}), "description of the table is"),
     "a description that is a list": (with_metadata(lambda about: [about]), "description of the table is damaged"),
@@ -169,9 +169,11 @@ def test_a_damaged_page_fails_its_checksum(tmp_path: Path, table: Path) -> None:
 
 
 def test_missing_tables_and_empty_splits_are_errors(tmp_path: Path, table: Path) -> None:
-    with pytest.raises(TableError, match="expected Parquet files of motion, but there are none; run the convert stage"):
+    with pytest.raises(
+        TableError, match="expected Parquet files of motion, but there are none; run the stage import_motion"
+    ):
         load_motion(tmp_path)
-    with pytest.raises(TableError, match=r"none\.parquet: no such table; run the convert stage first"):
+    with pytest.raises(TableError, match=r"none\.parquet: no such table; run the stage import_motion first"):
         read_columns(tmp_path / "none.parquet", ["phase"])
     with pytest.raises(TableError, match="no row is in the split 'rows'; convert more clips or raise its share"):
         load_motion(table.parent, "rows")

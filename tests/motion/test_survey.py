@@ -173,7 +173,8 @@ def test_blocks_hold_whole_cycles_and_no_more_rows_than_asked_if_cycles_allow(tm
 @pytest.fixture
 def folder_of_clips(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Path, list[Motion]]:
     """Return a folder, and the clips that its import finds in it."""
-    found = [make_clip("run", (6, 5), first_frame=60), make_clip("walk", (8,), seed=1, first_frame=61)]
+    without_cycles = make_clip("short", (3,)).select(slice(0))
+    found = [make_clip("run", (6, 5), first_frame=60), without_cycles, make_clip("walk", (8,), seed=1, first_frame=61)]
     module = SimpleNamespace(read_clips=lambda folder: iter(found if folder == tmp_path else []))
     monkeypatch.setitem(sys.modules, "addressed_dynamics.motion.clips", module)
     return tmp_path, found

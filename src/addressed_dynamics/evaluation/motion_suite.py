@@ -8,8 +8,10 @@ from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Float64, Int64
+from jaxtyping import Float, Float64, Int64
+from torch import Tensor
 
+from addressed_dynamics.errors import EvaluationError
 from addressed_dynamics.evaluation.closed_loop.commands import Script, validation_scripts
 from addressed_dynamics.evaluation.closed_loop.controller import Pose
 from addressed_dynamics.evaluation.closed_loop.judging import courses, judge
@@ -18,7 +20,7 @@ from addressed_dynamics.evaluation.closed_loop.run import Trace, closed_loop, st
 from addressed_dynamics.evaluation.closed_loop.score import closed_loop_score
 from addressed_dynamics.evaluation.ground import current_gait
 from addressed_dynamics.evaluation.motion_candidates import BASELINE_LABELS, ENSEMBLE, MotionCandidate
-from addressed_dynamics.evaluation.motion_one_step import block_deviation, one_step_errors
+from addressed_dynamics.evaluation.motion_one_step import CHUNK_ROWS, block_deviation, one_step_errors
 from addressed_dynamics.evaluation.motion_predictor import MotionPredictor
 from addressed_dynamics.evaluation.phase_use import phase_use
 from addressed_dynamics.evaluation.specialisation import specialisation
@@ -79,7 +81,8 @@ def evaluate_motion(
         test script.
 
     Raises:
-        EvaluationError: a split is empty, or a prediction is not finite.
+        EvaluationError: a split is empty, or a prediction one step ahead is not finite; in the closed loop that ends
+            the run. Trainings stop by themselves where they diverge, so such a model is damaged.
     """
     reference = data_reference(data.train)
     deviation = block_deviation(data.train.y)
@@ -94,10 +97,7 @@ def evaluate_motion(
             "seed": each.seed,
             "label": each.label,
             "parameters": each.parameters,
-            "one_step": {
-                split: asdict(one_step_errors(each.predictor, motion, deviation))
-                for split, motion in data.held_out.items()
-            },
+            "one_step": _one_step(each, data.held_out, deviation),
             "closed_loop": _judged(traces[each.name], chosen_by.get(each.name), reference),
         }
     seed, mode = best_model(results)
@@ -135,10 +135,8 @@ def evaluate_motion_addressing(model: MotionModel, motion: Motion, loss: str) ->
         for each.
     """
     x, y = torch.from_numpy(motion.x), torch.from_numpy(motion.y)
-    target = model.features.encode_target(x, y)
-    outputs = torch.stack([model.features.encode_target(x, each) for each in model.member_predictions(x)])
-    error = (outputs - target).double()
-    losses = (error.abs() if loss == "mae" else error.square()).mean(dim=-1)
+    chunks = [slice(first, first + CHUNK_ROWS) for first in range(0, len(motion), CHUNK_ROWS)]
+    losses = torch.cat([_member_losses(model, x[rows], y[rows], loss) for rows in chunks], dim=1)
     probabilities = model.probabilities(x)
     use = phase_use(
         probabilities.argmax(dim=1).numpy(),
@@ -207,6 +205,29 @@ def _loops(
 def _run(work: tuple[dict[str, MotionPredictor], Sequence[Script], Pose]) -> dict[str, Trace]:
     predictors, scripts, start = work
     return closed_loop(predictors, scripts, start)
+
+
+def _one_step(
+    candidate: MotionCandidate, held_out: Mapping[str, Motion], deviation: Float64[np.ndarray, " 311"]
+) -> dict[str, Any]:
+    errors = {}
+    for split, motion in held_out.items():
+        try:
+            errors[split] = asdict(one_step_errors(candidate.predictor, motion, deviation))
+        except EvaluationError as error:
+            message = f"'{candidate.name}' on the frames of '{split}': {error}"
+            raise EvaluationError(message) from error
+    return errors
+
+
+def _member_losses(
+    model: MotionModel, x: Float[Tensor, "row 342"], y: Float[Tensor, "row 311"], loss: str
+) -> Float[Tensor, "member row"]:
+    target = model.features.encode_target(x, y)
+    outputs = torch.stack([model.features.encode_target(x, each) for each in model.member_predictions(x)])
+    error = (outputs - target).double()
+    losses: Tensor = (error.abs() if loss == "mae" else error.square()).mean(dim=-1)
+    return losses
 
 
 def _judged(test: Trace, validation: Trace | None, reference: MotionReference) -> dict[str, Any]:

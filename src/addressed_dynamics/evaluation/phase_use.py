@@ -153,13 +153,6 @@ def _information(chosen: Int64[np.ndarray, " row"], bins: Int64[np.ndarray, " ro
     return max(0.0, _entropy(counts.sum(axis=1)) + _entropy(counts.sum(axis=0)) - _entropy(counts.ravel()))
 
 
-def _by_chance(
-    chosen: Int64[np.ndarray, " row"], bins: Int64[np.ndarray, " row"], members: int, generator: np.random.Generator
-) -> Float64[np.ndarray, " shuffle"]:
-    """Return the mutual information that is left when the phases are shuffled, in bits."""
-    return np.array([_information(chosen, generator.permutation(bins), members) for _ in range(SHUFFLES)])
-
-
 def _concentrations(
     chosen: Int64[np.ndarray, " row"], phase: Float[np.ndarray, " row"], members: int
 ) -> tuple[Concentration, ...]:

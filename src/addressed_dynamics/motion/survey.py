@@ -90,8 +90,9 @@ def survey_clips(clips: Iterable[Motion]) -> Survey:
     """Find the cycles of `clips`, whose rows are of one terrain patch each; all are kept."""
     cycles, whole, rows = list[CycleRows](), [np.empty(0, np.uint64)], 0
     for motion in clips:
-        starts = cycle_starts(motion).tolist()
-        for start, stop in zip(starts, [*starts[1:], len(motion)], strict=True):
+        starts = cycle_starts(motion)
+        # A clip none of whose cycles can be used has no rows.
+        for start, stop in zip(starts.tolist(), np.append(starts, len(motion))[1:].tolist(), strict=True):
             place = (str(motion.clip[start]), int(motion.cycle[start]), int(motion.frame[start]))
             cycles.append(CycleRows(rows + start, stop - start, *place))
         terrain = terrain_fingerprints(motion.x, motion.y)

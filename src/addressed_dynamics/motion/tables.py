@@ -76,7 +76,7 @@ def motion_files(folder: Path) -> list[Path]:
     inner = folder / FOLDER
     files = sorted((inner if inner.is_dir() else folder).glob("*.parquet"))
     if not files:
-        message = f"{folder}: expected Parquet files of motion, but there are none; run the convert stage first"
+        message = f"{folder}: expected Parquet files of motion, but there are none; run the stage import_motion first"
         raise TableError(message)
     return files
 
@@ -191,13 +191,11 @@ def _row_groups(path: Path, names: Sequence[str] | None) -> Iterator[pa.Table]:
                 _check_values(table, path)
                 yield table
     except FileNotFoundError as error:
-        message = f"{path}: no such table; run the convert stage first"
+        message = f"{path}: no such table; run the stage import_motion first"
         raise TableError(message) from error
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         reason = str(error).split("\n", maxsplit=1)[0]
-        message = (
-            f"{path}: expected a whole Parquet file, but it cannot be read ({reason}); run the convert stage again"
-        )
+        message = f"{path}: expected a whole Parquet file, but it cannot be read ({reason}); run import_motion again"
         raise TableError(message) from error
 
 
@@ -208,18 +206,16 @@ def _check_metadata(found: pa.Schema, path: Path) -> None:
         about = json.loads(text) if text is not None else {}
         version = about.get("format_version")
     except (ValueError, AttributeError) as error:
-        message = f"{path}: the description of the table is damaged; run the convert stage again"
+        message = f"{path}: the description of the table is damaged; run import_motion again"
         raise TableError(message) from error
     if about.get("kind") != expected["kind"]:
-        message = f"{path}: a Parquet file, but not a table of motion that the convert stage wrote"
+        message = f"{path}: a Parquet file, but not a table of motion that import_motion wrote"
         raise TableError(message)
     if version != FORMAT_VERSION:
-        message = (
-            f"{path}: expected table format {FORMAT_VERSION}, found {version!r}; run the convert stage of this version"
-        )
+        message = f"{path}: expected table format {FORMAT_VERSION}, found {version!r}; run this version's import_motion"
         raise TableError(message)
     if about != expected:
-        message = f"{path}: its inputs and outputs have another layout; run the convert stage of this version"
+        message = f"{path}: its inputs and outputs have another layout; run this version's import_motion"
         raise TableError(message)
 
 
@@ -234,20 +230,20 @@ def _check_columns(found: pa.Schema, names: Sequence[str], path: Path) -> None:
         is_label = pa.types.is_dictionary(expected) and kind is not None and pa.types.is_dictionary(kind)
         if kind != expected and not is_label:
             what = "is missing" if kind is None else f"is {kind}"
-            message = f"{path}: column '{name}' should be {expected}, but {what}; run the convert stage again"
+            message = f"{path}: column '{name}' should be {expected}, but {what}; run import_motion again"
             raise TableError(message)
 
 
 def _check_values(table: pa.Table, path: Path) -> None:
     for name, column in zip(table.column_names, table.columns, strict=True):
         if missing := column.null_count:
-            message = f"{path}: column '{name}' lacks {missing} values; run the convert stage again"
+            message = f"{path}: column '{name}' lacks {missing} values; run import_motion again"
             raise TableError(message)
     if "split" in table.column_names:
         unknown = sorted(set(table.column("split").unique().to_pylist()) - set(MOTION_SPLITS))
         if unknown:
             expected = ", ".join(MOTION_SPLITS)
-            message = f"{path}: expected the splits {expected}, found '{unknown[0]}'; run the convert stage again"
+            message = f"{path}: expected the splits {expected}, found '{unknown[0]}'; run import_motion again"
             raise TableError(message)
 
 
@@ -256,7 +252,7 @@ def _motion(table: pa.Table, path: Path) -> Motion:
     try:
         return Motion(x=_stack(table, INPUTS), y=_stack(table, OUTPUTS), clip=_texts(table, "clip"), **arrays)
     except MotionError as error:
-        message = f"{path}: {error}; run the convert stage again"
+        message = f"{path}: {error}; run import_motion again"
         raise TableError(message) from error
 
 
