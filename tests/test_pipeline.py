@@ -19,7 +19,7 @@ from addressed_dynamics.params import load_motion_params, load_motion_recipes, l
 EXPERIMENTS = ("mountaincar", "acrobot")
 STAGES = ("record", "convert", "train_ensemble", "train_addressing", "train_baselines", "evaluate", "report")
 MOTION_EXPERIMENTS = ("pfnn",)
-AFTER_MOTION_ADDRESSING = ("train_motion_addressing", "evaluate_motion")
+AFTER_MOTION_ADDRESSING = ("train_motion_addressing", "evaluate_motion", "report_motion")
 """The stage that trains on `addressing`, and those that use what it trains, in the order in which they run."""
 MOTION_STAGES = (
     "make_clips", "import_motion", "train_motion_ensemble", "train_motion_baselines", *AFTER_MOTION_ADDRESSING

@@ -73,6 +73,7 @@ def results_of(scores: dict[str, Sequence[tuple[float, float]]]) -> dict[str, An
     return {
         f"ensemble/{mode}/seed-{seed}": {
             "group": f"ensemble/{mode}",
+            "seed": seed,
             "closed_loop": {"validation_score": validation, "score": test},
         }
         for mode, seeds in scores.items()
