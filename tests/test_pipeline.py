@@ -9,84 +9,31 @@ import time
 import tomllib
 from pathlib import Path
 
-import numpy as np
 import pytest
+from pipeline_clones import (
+    EXPERIMENTS,
+    MOTION_EXPERIMENTS,
+    MOTION_STAGES,
+    STAGES,
+    dvc,
+    edit_params,
+    environment,
+    new_clone,
+    stages_run,
+)
 from ruamel.yaml import YAML
 from stage_dependencies import ROOT, first_party, is_data
 
 from addressed_dynamics.params import load_motion_params, load_motion_recipes, load_params
 
-EXPERIMENTS = ("mountaincar", "acrobot")
-STAGES = ("record", "convert", "train_ensemble", "train_addressing", "train_baselines", "evaluate", "report")
-MOTION_EXPERIMENTS = ("pfnn",)
-AFTER_MOTION_ADDRESSING = ("train_motion_addressing", "evaluate_motion", "report_motion")
-"""The stage that trains on `addressing`, and those that use what it trains, in the order in which they run."""
-MOTION_STAGES = (
-    "make_clips", "import_motion", "train_motion_ensemble", "train_motion_baselines", *AFTER_MOTION_ADDRESSING
-)  # fmt: skip
-
-
-def environment(clone: Path) -> dict[str, str]:
-    """The environment of a user of `clone`: its own sources, its own store, the interpreter that runs the tests."""
-    names = {"DVC_ROOT", "DVC_EXP_NAME", "MLFLOW_TRACKING_URI"}
-    kept = {name: value for name, value in os.environ.items() if name not in names}
-    path = f"{Path(sys.executable).parent}{os.pathsep}{kept.get('PATH', '')}"
-    return {**kept, "PATH": path, "PYTHONPATH": str(clone / "src"), "DVC_NO_ANALYTICS": "true"}
-
-
-def dvc(clone: Path, *arguments: str) -> str:
-    """What a DVC command says, which has to succeed."""
-    done = subprocess.run(
-        [sys.executable, "-m", "dvc", *arguments],
-        cwd=clone,
-        env=environment(clone),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stdout
-    return done.stdout
-
-
-def stages_run(output: str) -> list[str]:
-    return re.findall(r"Running stage '([^']+)'", output)
-
-
-def new_clone(folder: Path) -> Path:
-    """A Git repository with this working tree and the tiny params."""
-    listing = subprocess.run(
-        ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z"],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    kept = (name for name in listing.stdout.split("\0") if name and not name.startswith("data/"))
-    for name in kept:
-        if (ROOT / name).is_file():
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy(ROOT / name, folder / name)
-    shutil.copy(ROOT / "tests" / "tiny_params.yaml", folder / "params.yaml")
-    (folder / "dvc.lock").unlink(missing_ok=True)
-    identity = ["-c", "user.name=test", "-c", "user.email=test@example.org"]
-    for arguments in (["init", "--quiet"], ["add", "--all"], [*identity, "commit", "--quiet", "--message", "start"]):
-        subprocess.run(["git", *arguments], cwd=folder, check=True)
-    return folder
-
-
-def edit_params(clone: Path, old: str, new: str) -> None:
-    text = (clone / "params.yaml").read_text(encoding="utf-8")
-    assert text.count(old) == 1
-    (clone / "params.yaml").write_text(text.replace(old, new), encoding="utf-8")
-
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A clone in which the whole pipeline has run once."""
+    """A clone in which the pipeline has run once for all environments (tests/test_motion_pipeline.py has motion)."""
     clone = new_clone(tmp_path_factory.mktemp("clone"))
+    edit_params(clone, "motions: {pfnn: data/raw/pfnn}", "motions: {}")
+    edit_params(clone, "made_up: [pfnn]", "made_up: []")
     expected = [f"{stage}@{experiment}" for stage in STAGES for experiment in EXPERIMENTS]
-    expected += [f"{stage}@{experiment}" for stage in MOTION_STAGES for experiment in MOTION_EXPERIMENTS]
     assert sorted(stages_run(dvc(clone, "repro"))) == sorted(expected)
     return clone
 
@@ -185,36 +132,6 @@ def test_a_change_of_the_addressing_runs_addressing_evaluation_and_report_again(
     edit_params(clone, "variants: [plain, cost_sensitive]", "variants: [cost_sensitive]")
     ran = stages_run(dvc(clone, "repro"))
     assert ran == ["train_addressing@mountaincar", "evaluate@mountaincar", "report@mountaincar"]
-
-
-@pytest.mark.slow
-def test_the_motion_ends_in_an_evaluation_of_every_model(finished: Path) -> None:
-    evaluation = json.loads((finished / "data" / "reports" / "pfnn" / "evaluation.json").read_text(encoding="utf-8"))
-    groups = {each["group"] for each in evaluation["candidates"].values()}
-    modes = {f"ensemble/{mode}" for mode in ("argmax", "sample", "mixture", "blend")}
-    assert groups == modes | {"phase_functioned", "mean", "persistence", "ridge"}
-    assert f"ensemble/{evaluation['delivered']['mode']}" in modes
-    with np.load(finished / "data" / "evaluation" / "pfnn" / "arrays.npz") as arrays:
-        assert arrays["loop.phase_functioned/seed-0.joint_position"].shape == (3600, 31, 3)
-
-
-@pytest.mark.slow
-def test_a_change_of_the_addressing_of_motion_runs_that_and_what_uses_it_again(clone: Path) -> None:
-    edit_params(clone, "tie_share: 0.9", "tie_share: 0.8")
-    assert stages_run(dvc(clone, "repro")) == [f"{stage}@pfnn" for stage in AFTER_MOTION_ADDRESSING]
-
-
-@pytest.mark.slow
-def test_clips_of_ones_own_take_the_place_of_those_that_are_made_up_and_are_followed(clone: Path) -> None:
-    shutil.copytree(clone / "data" / "raw" / "pfnn", clone / "clips")
-    edit_params(clone, "motions: {pfnn: data/raw/pfnn}", "motions: {pfnn: clips}")
-    edit_params(clone, "made_up: [pfnn]", "made_up: []")
-    # The same clips elsewhere: the tables are the same, so nothing after them runs.
-    assert stages_run(dvc(clone, "repro", "--downstream", "import_motion@pfnn")) == ["import_motion@pfnn"]
-    for path in (clone / "clips").glob("Walker_stroll*"):
-        path.unlink()
-    ran = stages_run(dvc(clone, "repro", "train_motion_ensemble@pfnn"))
-    assert ran == ["import_motion@pfnn", "train_motion_ensemble@pfnn"]
 
 
 @pytest.mark.slow

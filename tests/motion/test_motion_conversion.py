@@ -39,7 +39,8 @@ def test_tables_hold_one_patch_and_the_report_counts_the_others(tmp_path: Path) 
     tables, statistics, report = convert(save_database(tmp_path / "d.npz", copies, patch, compressed=True), tmp_path)
     assert_same_motion(load_motion(tables), motion)
     assert report["source"] == {
-        "rows": 3 * len(motion), "exact_duplicates": 2 * len(motion), "other_patches": 0, "boundaries": "meta"
+        "kind": "pfnn_database", "rows": 3 * len(motion), "exact_duplicates": 2 * len(motion), "other_patches": 0,
+        "boundaries": "meta",
     }  # fmt: skip
     assert report["rows"] == len(motion) == sum(statistics["splits"].values())
     assert report["seconds"] == pytest.approx((len(motion) - 4 * 7) / 60)
@@ -99,12 +100,13 @@ def test_a_failed_conversion_leaves_what_was_there(tmp_path: Path) -> None:
     assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
 
 
-def test_nothing_left_to_train_on_is_an_error(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("test_clips", "purpose"), [(("clip_0000",), "to train on"), ((), "to test on")])
+def test_nothing_left_for_a_purpose_is_an_error(tmp_path: Path, test_clips: tuple[str, ...], purpose: str) -> None:
     source = save_database(tmp_path / "d.npz", CLIPS[0])
     with pytest.raises(
-        MotionError, match=r"none of its 1 clips is left to train on; give more clips, or hold out less"
+        MotionError, match=f"its 1 clips leave no frames {purpose}; give more clips, or change the shar"
     ):
-        convert(source, tmp_path, test_clips=("clip_0000",))
+        convert(source, tmp_path, test_clips=test_clips)
     assert not (tmp_path / "tables").exists()
 
 

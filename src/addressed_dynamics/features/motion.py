@@ -222,9 +222,7 @@ def persistence(x: Float[Tensor, "row 342"]) -> Float[Tensor, "row 311"]:
     Joints keep their velocity, so their positions move by it, less the root's own step, which is taken from the
     trajectory of the last ten frames; the future trajectory, seen from the root, stays as it is.
     """
-    y = x.new_zeros(len(x), OUTPUT.width)
-    for block in _TRAJECTORY:
-        y[:, OUTPUT[block]] = x[:, INPUT[block]][:, NOW:]
+    y = _same_trajectory(x)
     velocity = x[:, INPUT.joint_velocity]
     step_x = -x[:, INPUT.trajectory_position_x][:, NOW - 1] / _AGO
     step_z = -x[:, INPUT.trajectory_position_z][:, NOW - 1] / _AGO
@@ -236,12 +234,21 @@ def persistence(x: Float[Tensor, "row 342"]) -> Float[Tensor, "row 311"]:
 
 def _base(x: Float[Tensor, "row 342"], target: Target) -> Float[Tensor, "row 311"] | None:
     """Return what a target is added to; None if that is nothing. It is linear in `x`."""
-    if target == "absolute":
-        return None
-    base = persistence(x)
-    if target == "trajectory_change":
-        base[:, OUTPUT.span("joint_position", "joint_rotation")] = 0.0
-    return base
+    match target:
+        case "absolute":
+            return None
+        case "trajectory_change":
+            return _same_trajectory(x)
+        case "change":
+            return persistence(x)
+
+
+def _same_trajectory(x: Float[Tensor, "row 342"]) -> Float[Tensor, "row 311"]:
+    """Return outputs whose future trajectory, seen from the root, is the given one; 0 in all other columns."""
+    y = x.new_zeros(len(x), OUTPUT.width)
+    for block in _TRAJECTORY:
+        y[:, OUTPUT[block]] = x[:, INPUT[block]][:, NOW:]
+    return y
 
 
 def _deviations(

@@ -6,14 +6,14 @@ to be written. Never more than a block of rows of it is in memory.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from addressed_dynamics.errors import MotionError
 from addressed_dynamics.files import atomic_path, write_json
 from addressed_dynamics.motion.report import Figures, motion_report
 from addressed_dynamics.motion.source import stream_motion, survey_motion
-from addressed_dynamics.motion.splits import MOTION_SPLITS, TRAIN, plan_splits
+from addressed_dynamics.motion.splits import MOTION_SPLITS, TEST, TRAIN, VALIDATION, MotionSplit, plan_splits
 from addressed_dynamics.motion.tables import FOLDER, INPUTS, OUTPUTS, motion_writer
 from addressed_dynamics.params_motion import MotionConvertParams
 from addressed_dynamics.tables.statistics import moments_to_json
@@ -32,7 +32,7 @@ def convert_motion(
         progress: called with the number of rows written since its last call.
 
     Raises:
-        MotionError: the source is missing or damaged, or nothing is left to train on.
+        MotionError: the source is missing or damaged, or nothing is left to train on, to choose by or to test on.
     """
     survey = survey_motion(source)
     plan = plan_splits(survey, params)
@@ -44,11 +44,20 @@ def convert_motion(
                 write(motion, split)
                 figures.add(motion, split)
                 progress(len(motion))
-        if not figures.train.count:
-            clips = len(survey.groups)
-            message = f"{source}: none of its {clips} clips is left to train on; give more clips, or hold out less"
-            raise MotionError(message)
         sizes = {name: int(rows) for name, rows in zip(MOTION_SPLITS, figures.split_rows, strict=True)}
+        for name in (TRAIN, VALIDATION, TEST):
+            _check_split(source, len(survey.groups), MOTION_SPLITS[name], sizes)
         statistics = {"splits": sizes, MOTION_SPLITS[TRAIN]: moments_to_json([*INPUTS, *OUTPUTS], figures.train)}
         write_json(folder / "statistics.json", statistics)
         write_json(reports / "data.json", motion_report(survey, figures))
+
+
+def _check_split(source: Path, clips: int, split: MotionSplit, sizes: Mapping[MotionSplit, int]) -> None:
+    if sizes[split]:
+        return
+    what = {"train": "to train on", "validation": "to choose by", "test": "to test on"}.get(split, f"for '{split}'")
+    message = (
+        f"{source}: its {clips} clips leave no frames {what}; give more clips, or change the shares and 'test_clips' "
+        "under convert"
+    )
+    raise MotionError(message)

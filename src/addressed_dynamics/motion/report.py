@@ -100,6 +100,7 @@ def motion_report(survey: Survey, figures: Figures) -> dict[str, Any]:
         "rows": survey.kept_rows,
         "seconds": _seconds(survey.cycles),
         "source": {
+            "kind": "pfnn_clips" if survey.boundaries == "files" else "pfnn_database",
             "rows": survey.rows,
             "exact_duplicates": survey.exact_duplicates,
             "other_patches": survey.other_patches,

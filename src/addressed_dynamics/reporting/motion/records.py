@@ -101,7 +101,7 @@ class ClosedLoop(Record):
 
     score: float
     """Under the test script."""
-    validation_score: float
+    validation_score: float | None
     """Under the scripts by which the mode is chosen."""
     run: RunResult
 

@@ -1,0 +1,74 @@
+"""Clones of this working tree with the tiny params, in which DVC runs the pipeline."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+from stage_dependencies import ROOT
+
+EXPERIMENTS = ("mountaincar", "acrobot")
+STAGES = ("record", "convert", "train_ensemble", "train_addressing", "train_baselines", "evaluate", "report")
+MOTION_EXPERIMENTS = ("pfnn",)
+AFTER_MOTION_ADDRESSING = ("train_motion_addressing", "evaluate_motion", "report_motion")
+"""The stage that trains on `addressing`, and those that use what it trains, in the order in which they run."""
+MOTION_STAGES = (
+    "make_clips", "import_motion", "train_motion_ensemble", "train_motion_baselines", *AFTER_MOTION_ADDRESSING
+)  # fmt: skip
+
+
+def environment(clone: Path) -> dict[str, str]:
+    """The environment of a user of `clone`: its own sources, its own store, the interpreter that runs the tests."""
+    names = {"DVC_ROOT", "DVC_EXP_NAME", "MLFLOW_TRACKING_URI"}
+    kept = {name: value for name, value in os.environ.items() if name not in names}
+    path = f"{Path(sys.executable).parent}{os.pathsep}{kept.get('PATH', '')}"
+    return {**kept, "PATH": path, "PYTHONPATH": str(clone / "src"), "DVC_NO_ANALYTICS": "true"}
+
+
+def dvc(clone: Path, *arguments: str) -> str:
+    """What a DVC command says, which has to succeed."""
+    done = subprocess.run(
+        [sys.executable, "-m", "dvc", *arguments],
+        cwd=clone,
+        env=environment(clone),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout
+    return done.stdout
+
+
+def stages_run(output: str) -> list[str]:
+    return re.findall(r"Running stage '([^']+)'", output)
+
+
+def new_clone(folder: Path) -> Path:
+    """A Git repository with this working tree and the tiny params."""
+    listing = subprocess.run(
+        ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    kept = (name for name in listing.stdout.split("\0") if name and not name.startswith("data/"))
+    for name in kept:
+        if (ROOT / name).is_file():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(ROOT / name, folder / name)
+    shutil.copy(ROOT / "tests" / "tiny_params.yaml", folder / "params.yaml")
+    (folder / "dvc.lock").unlink(missing_ok=True)
+    identity = ["-c", "user.name=test", "-c", "user.email=test@example.org"]
+    for arguments in (["init", "--quiet"], ["add", "--all"], [*identity, "commit", "--quiet", "--message", "start"]):
+        subprocess.run(["git", *arguments], cwd=folder, check=True)
+    return folder
+
+
+def edit_params(clone: Path, old: str, new: str) -> None:
+    text = (clone / "params.yaml").read_text(encoding="utf-8")
+    assert text.count(old) == 1
+    (clone / "params.yaml").write_text(text.replace(old, new), encoding="utf-8")
