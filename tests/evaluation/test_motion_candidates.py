@@ -1,5 +1,7 @@
 """Models of motion that are compared: what is loaded from a folder of models, under which names."""
 
+import pickle
+from copy import deepcopy
 from pathlib import Path
 
 import numpy as np
@@ -133,3 +135,12 @@ def test_a_name_holds_the_seed_if_there_is_one() -> None:
     predictor = mean_outputs(np.zeros(311))
     assert MotionCandidate("ridge", None, "", 1, predictor).name == "ridge"
     assert MotionCandidate("same_size", 5, "", 1, predictor).name == "same_size/seed-5"
+
+
+def test_drawn_members_are_the_same_in_every_copy_of_a_predictor() -> None:
+    model = MotionModel(FEATURES, stack(2, 342, 8, 311), stack(1, 342, 4, 2))
+    sampling = next(each for each in ensemble_candidates({0: model}) if each.group == "ensemble/sample")
+    copies = [deepcopy(sampling.predictor), pickle.loads(pickle.dumps(sampling.predictor))]
+    first, second = (each(X, PHASE) for each in copies)
+    assert torch.equal(first, second)
+    assert not torch.equal(copies[0](X, PHASE), first)

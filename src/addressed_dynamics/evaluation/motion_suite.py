@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -198,7 +199,8 @@ def _loops(
     """Run the closed loops of the candidates, by their names, in at most `cores` processes."""
     groups = [group for first in range(cores) if (group := candidates[first::cores])]
     with worker_processes(len(groups)) as ordered_map:
-        works = [({each.name: each.predictor for each in group}, scripts, start) for group in groups]
+        # Copies, as another process gets them: members that are drawn are the same for any number of cores.
+        works = [({each.name: deepcopy(each.predictor) for each in group}, scripts, start) for group in groups]
         return {name: trace for traces in ordered_map(_run, works) for name, trace in traces.items()}
 
 
