@@ -2,6 +2,7 @@
 
 import os
 
+import pytest
 from hypothesis import settings
 
 # Two threads that wait for each other on a busy machine take ten times as long as one; trainings have one each anyway.
@@ -10,3 +11,12 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 # A deadline is a timing assertion: it fails on a busy machine, and speed lives in benchmarks/.
 settings.register_profile("no_deadline", deadline=None)
 settings.load_profile("no_deadline")
+
+LONGEST = ("test_pipeline.py", "test_motion_pipeline.py", "test_stages.py", "test_example.py")
+"""Files that take minutes: begun first, they are not what one worker does while the others have nothing left to do."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the longest files; the order within a file stays."""
+    places = {name: place for place, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: places.get(item.path.name, len(LONGEST)))
