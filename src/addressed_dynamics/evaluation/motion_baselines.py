@@ -36,7 +36,7 @@ def persistence_plus_velocity(mean: Float[np.ndarray, " 311"]) -> MotionPredicto
 def _constant(
     constant: Float[Tensor, " 311"],
     x: Float[Tensor, "row 342"],
-    phase: Float[Tensor, " row"],  # noqa: ARG001
+    phase: Float[Tensor, " row"],  # noqa: ARG001 - a predictor is given it
 ) -> Float[Tensor, "row 311"]:
     return constant.repeat(len(x), 1)
 
@@ -44,7 +44,7 @@ def _constant(
 def _go_on(
     constant: Float[np.ndarray, " 311"],
     x: Float[Tensor, "row 342"],
-    phase: Float[Tensor, " row"],  # noqa: ARG001
+    phase: Float[Tensor, " row"],  # noqa: ARG001 - a predictor is given it
 ) -> Float[Tensor, "row 311"]:
     given = x.double().numpy()
     y = np.tile(constant, (len(x), 1))

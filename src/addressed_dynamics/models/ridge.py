@@ -30,7 +30,7 @@ class Ridge:
     penalty: float
     """Of the squared weights of inputs in units of their deviation, beside the mean squared error."""
 
-    def __call__(self, x: Float[Tensor, "row input"], phase: Float[Tensor, " row"]) -> Float[Tensor, "row output"]:  # noqa: ARG002
+    def __call__(self, x: Float[Tensor, "row input"], phase: Float[Tensor, " row"]) -> Float[Tensor, "row output"]:  # noqa: ARG002 - a predictor is given it
         """Return the outputs."""
         return x @ self.weight + self.bias
 
