@@ -8,7 +8,7 @@ from pfnn_data import PFNN_DATA, needs_pfnn_data
 from released_network import recorded_motion, released_network
 
 from addressed_dynamics.evaluation.closed_loop.commands import Script, Segment, script, standard_script
-from addressed_dynamics.evaluation.closed_loop.judging import alive_share, courses, judge
+from addressed_dynamics.evaluation.closed_loop.judging import courses, judge
 from addressed_dynamics.evaluation.closed_loop.measures import FEET, data_reference
 from addressed_dynamics.evaluation.closed_loop.run import Trace, closed_loop, start_pose
 from addressed_dynamics.evaluation.closed_loop.score import closed_loop_score
@@ -106,7 +106,6 @@ def test_what_comes_after_death_counts_as_lost() -> None:
     assert (judgement.lived_seconds, judgement.seconds, judgement.alive) == (2.0, 4.0, False)
     assert (judgement.of("stand").frames, judgement.of("stand").lost) == (59, 106)
     assert closed_loop_score([judgement]) == pytest.approx(59 / 165)
-    assert alive_share([judgement]) == 0.0
 
 
 def test_a_run_that_dies_before_anything_counts_can_still_be_judged() -> None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Float, Float32, Float64
+from jaxtyping import Float, Float64
 
 from addressed_dynamics.errors import EvaluationError
 from addressed_dynamics.evaluation.motion_predictor import MotionPredictor
@@ -85,15 +85,6 @@ def one_step_errors(predictor: MotionPredictor, motion: Motion, deviation: Float
         for name, total in distances.items():
             total += np.linalg.norm(error[:, OUTPUT[name]].reshape(len(error), -1, 3), axis=-1).sum(axis=0)
     return _summary(len(motion), absolute / len(motion), distances, np.asarray(deviation, np.float64))
-
-
-def per_row_errors(predictor: MotionPredictor, motion: Motion) -> Float32[np.ndarray, " row"]:
-    """Return the mean absolute error of every row, in raw units: for figures over time."""
-    errors = np.empty(len(motion), np.float32)
-    for first in range(0, len(motion), CHUNK_ROWS):
-        rows = slice(first, first + CHUNK_ROWS)
-        errors[rows] = np.abs(_predicted(predictor, motion, rows) - motion.y[rows]).mean(axis=1)
-    return errors
 
 
 def block_deviation(y: Float[np.ndarray, "row 311"]) -> Float64[np.ndarray, " 311"]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -148,11 +147,6 @@ def judge(trace: Trace, reference: MotionReference) -> tuple[RunJudgement, ...]:
         _judged(course, script, int(lived))
         for course, script, lived in zip(courses(trace, reference), trace.scripts, trace.lived, strict=True)
     )
-
-
-def alive_share(judgements: Sequence[RunJudgement]) -> float:
-    """Return the share of runs that are alive."""
-    return sum(judgement.alive for judgement in judgements) / len(judgements)
 
 
 def _course(trace: Trace, run: int, reference: MotionReference) -> Course:

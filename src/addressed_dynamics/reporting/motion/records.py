@@ -102,7 +102,7 @@ class ClosedLoop(Record):
     score: float
     """Under the test script."""
     validation_score: float | None
-    """Under the scripts by which the mode is chosen."""
+    """Under the scripts by which seed and mode are chosen; None if there is no seed to choose."""
     run: RunResult
 
 
