@@ -12,8 +12,8 @@ from mcap_ros2.writer import Writer as Ros2Writer
 from measuring import median_ratio, print_table, take_turns
 from pydantic import TypeAdapter
 
+from addressed_dynamics.base.params.source import SourceParams
 from addressed_dynamics.importing import import_logs
-from addressed_dynamics.params_source import SourceParams
 
 SECONDS = 1_000
 ROUNDS = 3

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from measuring import print_table
 
 if TYPE_CHECKING:
-    from addressed_dynamics.transitions import Transitions
+    from addressed_dynamics.episodes.transitions import Transitions
 
 EXPERIMENT = "mountaincar"
 PARAMS_FILE = Path(__file__).parents[1] / "params.yaml"
@@ -32,9 +32,9 @@ def record(shards: int) -> None:
     """Write logs of a car under random pushes; print the size of a shard in memory."""
     import numpy as np
 
+    from addressed_dynamics.base.params.experiments import EnvironmentParams
     from addressed_dynamics.envs.mountain_car import mountain_car_step
     from addressed_dynamics.logs import RunInfo, TransitionLogWriter
-    from addressed_dynamics.params import EnvironmentParams
     from addressed_dynamics.recording.plan import make_environment
     from addressed_dynamics.recording.spaces import space_spec
 
@@ -96,8 +96,8 @@ def read_long() -> None:
 
 def convert() -> None:
     """Convert the logs; print the memory before, and the peak of this process and of its workers."""
-    from addressed_dynamics.conversion import convert_recording
-    from addressed_dynamics.params import load_params
+    from addressed_dynamics.base.params.experiments import load_params
+    from addressed_dynamics.sources.transitions.conversion import convert_recording
 
     params = load_params(PARAMS_FILE, EXPERIMENT).convert
     before = peak_mib()
@@ -108,9 +108,9 @@ def convert() -> None:
 
 def train() -> None:
     """Train as the stage does, for a few epochs; print the memory before, the peak and the number of transitions."""
-    from addressed_dynamics.params import load_params
+    from addressed_dynamics.base.params.experiments import load_params
+    from addressed_dynamics.base.torch_runtime import prepare_torch
     from addressed_dynamics.training.ensemble import train_ensemble
-    from addressed_dynamics.training.runtime import prepare_torch
     from pipeline.training import load_training_data
 
     prepare_torch(threads=1)

@@ -11,7 +11,7 @@ sys.path.append(str(Path(__file__).parents[1] / "tests"))  # the naive extractio
 from motion_clips import write_clip
 from naive_motion import read_naively
 
-from addressed_dynamics.motion.clips import read_clip
+from addressed_dynamics.sources.motion.clips import read_clip
 
 FRAMES = 2_400
 ROUNDS = 3

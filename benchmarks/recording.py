@@ -8,8 +8,8 @@ from pathlib import Path
 from measuring import median_ratio, print_table, take_turns
 
 from addressed_dynamics import TransitionRecorder
-from addressed_dynamics.params import load_params
-from addressed_dynamics.params_recording import DqnBehaviour
+from addressed_dynamics.base.params.experiments import load_params
+from addressed_dynamics.base.params.recording import DqnBehaviour
 from addressed_dynamics.recording.dqn import learn
 from addressed_dynamics.recording.plan import make_environment
 

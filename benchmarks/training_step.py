@@ -8,11 +8,11 @@ import torch
 from measuring import median_ratio, print_table, take_turns
 from torch import Tensor, nn
 
-from addressed_dynamics.models.addressing import addressing_scores
-from addressed_dynamics.models.stacked import Activation, StackedMLP
-from addressed_dynamics.params_base import OptimiserParams
+from addressed_dynamics.base.params.sections import OptimiserParams
+from addressed_dynamics.base.torch_runtime import prepare_torch
+from addressed_dynamics.networks.addressing import addressing_scores
+from addressed_dynamics.networks.stacked import Activation, StackedMLP
 from addressed_dynamics.training.losses import cross_entropy_of_heads, squared_error
-from addressed_dynamics.training.runtime import prepare_torch
 from addressed_dynamics.training.update import StackTrainer
 
 ROUNDS = 15

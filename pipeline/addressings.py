@@ -8,10 +8,10 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from addressed_dynamics.features.samples import Samples
-from addressed_dynamics.files import atomic_path, write_json
-from addressed_dynamics.models.files import SavedNetwork, read_index, save_network
-from addressed_dynamics.params_training import AddressingParams, AddressingTraining
+from addressed_dynamics.base.files import atomic_path, write_json
+from addressed_dynamics.base.params.training import AddressingParams, AddressingTraining
+from addressed_dynamics.features.common.samples import Samples
+from addressed_dynamics.networks.files import SavedNetwork, read_index, save_network
 from addressed_dynamics.tracking import Run
 from addressed_dynamics.training.addressing import confusion_matrix, train_addressing
 from addressed_dynamics.training.ensemble import evaluate_profiles

@@ -11,7 +11,7 @@ from typing import NoReturn
 
 from tqdm import tqdm
 
-from addressed_dynamics.errors import AddressedDynamicsError
+from addressed_dynamics.base.errors import AddressedDynamicsError
 
 DATA = Path("data")
 """Everything DVC owns; relative, because DVC runs stages in the root of the repository."""

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from addressed_dynamics.conversion import convert_recording
-from addressed_dynamics.params import load_params
+from addressed_dynamics.base.params.experiments import load_params
+from addressed_dynamics.sources.transitions.conversion import convert_recording
 from pipeline.common import available_cores, progress, raw_dir, reports_dir, run_stage, tables_dir
 
 

@@ -4,10 +4,10 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
-from addressed_dynamics.features.samples import fingerprint
-from addressed_dynamics.files import atomic_path, write_json
-from addressed_dynamics.models.files import SavedNetwork, save_network
-from addressed_dynamics.params_training import EnsembleParams
+from addressed_dynamics.base.files import atomic_path, write_json
+from addressed_dynamics.base.params.training import EnsembleParams
+from addressed_dynamics.features.common.samples import fingerprint
+from addressed_dynamics.networks.files import SavedNetwork, save_network
 from addressed_dynamics.tracking import Run
 from addressed_dynamics.training.ensemble import train_ensemble
 from addressed_dynamics.training.epochs import Epoch, updates_per_epoch

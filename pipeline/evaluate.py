@@ -5,15 +5,21 @@ from pathlib import Path
 from typing import Any
 
 from addressed_dynamics import tracking
-from addressed_dynamics.evaluation.candidates import (
+from addressed_dynamics.base.files import atomic_path, save_arrays, write_json
+from addressed_dynamics.base.params.experiments import load_params
+from addressed_dynamics.base.params.training import EnsembleParams
+from addressed_dynamics.base.torch_runtime import prepare_torch
+from addressed_dynamics.episodes import Split, load_transitions
+from addressed_dynamics.episodes.index import read_episodes
+from addressed_dynamics.evaluation.transitions.candidates import (
     baseline_candidates,
     ensemble_candidates,
     load_ensembles,
     load_other_recipe,
     load_pair,
 )
-from addressed_dynamics.evaluation.points import Points
-from addressed_dynamics.evaluation.suite import (
+from addressed_dynamics.evaluation.transitions.points import Points
+from addressed_dynamics.evaluation.transitions.suite import (
     baseline_losses,
     evaluate_addressing,
     evaluate_candidates,
@@ -23,16 +29,10 @@ from addressed_dynamics.evaluation.suite import (
     figure_arrays,
     pair_arrays,
 )
-from addressed_dynamics.evaluation.truth import true_rollouts
-from addressed_dynamics.files import atomic_path, save_arrays, write_json
-from addressed_dynamics.models.files import load_network
-from addressed_dynamics.params import load_params
-from addressed_dynamics.params_training import EnsembleParams
-from addressed_dynamics.tables import Split, load_transitions
-from addressed_dynamics.tables.episodes import read_episodes
+from addressed_dynamics.evaluation.transitions.truth import true_rollouts
+from addressed_dynamics.networks.files import load_network
 from addressed_dynamics.training.ensemble import untrained_ensemble
 from addressed_dynamics.training.losses import reported_loss
-from addressed_dynamics.training.runtime import prepare_torch
 from pipeline.common import available_cores, evaluation_dir, models_dir, reports_dir, run_stage, tables_dir
 from pipeline.training import write_curves
 

@@ -4,14 +4,17 @@ from pathlib import Path
 from typing import Any
 
 from addressed_dynamics import tracking
-from addressed_dynamics.evaluation.closed_loop.commands import standard_script
-from addressed_dynamics.evaluation.motion_candidates import (
+from addressed_dynamics.base.files import atomic_path, save_arrays, write_json
+from addressed_dynamics.base.params.experiments import load_motion_params
+from addressed_dynamics.base.torch_runtime import prepare_torch
+from addressed_dynamics.evaluation.motion.candidates import (
     baseline_candidates,
     ensemble_candidates,
     load_motion_ensembles,
     reference_candidates,
 )
-from addressed_dynamics.evaluation.motion_suite import (
+from addressed_dynamics.evaluation.motion.closed_loop.commands import standard_script
+from addressed_dynamics.evaluation.motion.suite import (
     ClosedLoopPlan,
     MotionData,
     evaluate_motion,
@@ -19,13 +22,10 @@ from addressed_dynamics.evaluation.motion_suite import (
     motion_arrays,
     shown_candidates,
 )
-from addressed_dynamics.files import atomic_path, save_arrays, write_json
-from addressed_dynamics.models.files import load_motion_network
-from addressed_dynamics.motion.splits import MotionSplit
-from addressed_dynamics.motion.tables import load_motion, read_columns
-from addressed_dynamics.params import load_motion_params
+from addressed_dynamics.networks.files import load_motion_network
+from addressed_dynamics.sources.motion.splits import MotionSplit
+from addressed_dynamics.sources.motion.tables import load_motion, read_columns
 from addressed_dynamics.training.losses import reported_loss
-from addressed_dynamics.training.runtime import prepare_torch
 from pipeline.addressings import trained_ensembles
 from pipeline.common import available_cores, evaluation_dir, models_dir, reports_dir, run_stage, tables_dir
 

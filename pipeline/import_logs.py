@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from addressed_dynamics.files import atomic_path
+from addressed_dynamics.base.files import atomic_path
+from addressed_dynamics.base.params.experiments import load_source_params
 from addressed_dynamics.importing import import_logs
-from addressed_dynamics.params import load_source_params
 from pipeline.common import progress, raw_dir, run_stage
 
 

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from addressed_dynamics.motion.conversion import convert_motion
-from addressed_dynamics.params import load_motion_params
+from addressed_dynamics.base.params.experiments import load_motion_params
+from addressed_dynamics.sources.motion.conversion import convert_motion
 from pipeline.common import progress, reports_dir, run_import, tables_dir
 
 

@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from addressed_dynamics.errors import ParamsError
-from addressed_dynamics.motion.walker import make_walker_clips
-from addressed_dynamics.params import load_motion_params
+from addressed_dynamics.base.errors import ParamsError
+from addressed_dynamics.base.params.experiments import load_motion_params
+from addressed_dynamics.recording.walker import make_walker_clips
 from pipeline.common import raw_dir, run_stage
 
 

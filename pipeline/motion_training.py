@@ -4,10 +4,10 @@ from dataclasses import dataclass, field
 
 from torch import Tensor, from_numpy
 
-from addressed_dynamics.features.motion import MotionFeatures, fit_motion_features
-from addressed_dynamics.motion.tables import load_motion
-from addressed_dynamics.params_motion import AugmentationParams, MotionFeatureParams
-from addressed_dynamics.training.motion_augmentation import MotionAugmentation
+from addressed_dynamics.base.params.motion import AugmentationParams, MotionFeatureParams
+from addressed_dynamics.features.motion.augmentation import MotionAugmentation
+from addressed_dynamics.features.motion.features import MotionFeatures, fit_motion_features
+from addressed_dynamics.sources.motion.tables import load_motion
 from pipeline.common import tables_dir
 from pipeline.training import TrainingData
 

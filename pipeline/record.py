@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from addressed_dynamics.params import load_record_params
+from addressed_dynamics.base.params.experiments import load_record_params
 from addressed_dynamics.recording.plan import record_plan, recording_folder
 from pipeline.common import progress, raw_dir, run_stage
 

@@ -7,16 +7,16 @@ import numpy as np
 from jaxtyping import Float32
 
 from addressed_dynamics import tracking
-from addressed_dynamics.models.addressed import AddressedDynamics
-from addressed_dynamics.models.files import load_network
-from addressed_dynamics.models.portable import PortableDynamics
-from addressed_dynamics.params import load_params
-from addressed_dynamics.params_training import AddressingParams, EnsembleParams
-from addressed_dynamics.reporting.document import build_report, headline
-from addressed_dynamics.reporting.origin import Origin
-from addressed_dynamics.reporting.paper import PAPER
-from addressed_dynamics.reporting.render import FIGURES, write_report
-from addressed_dynamics.reporting.results import Arrays, load_results
+from addressed_dynamics.base.params.experiments import load_params
+from addressed_dynamics.base.params.training import AddressingParams, EnsembleParams
+from addressed_dynamics.networks.files import load_network
+from addressed_dynamics.reporting.common.paper import PAPER
+from addressed_dynamics.reporting.common.render import FIGURES, write_report
+from addressed_dynamics.reporting.common.results import Arrays, load_results
+from addressed_dynamics.reporting.transitions.document import build_report, headline
+from addressed_dynamics.reporting.transitions.origin import Origin
+from addressed_dynamics.simulators.addressed import AddressedDynamics
+from addressed_dynamics.simulators.portable import PortableDynamics
 from pipeline.common import evaluation_dir, models_dir, reports_dir, run_stage
 
 LIBRARIES = ("addressed-dynamics", "gymnasium", "numpy", "stable-baselines3", "torch")

@@ -4,15 +4,15 @@ from importlib.metadata import version
 from pathlib import Path
 
 from addressed_dynamics import tracking
-from addressed_dynamics.models.files import addressed_folders, load_motion_network
-from addressed_dynamics.params import load_motion_params
-from addressed_dynamics.params_motion import AugmentationParams
-from addressed_dynamics.params_training import AddressingParams, EnsembleParams
+from addressed_dynamics.base.params.experiments import load_motion_params
+from addressed_dynamics.base.params.motion import AugmentationParams
+from addressed_dynamics.base.params.training import AddressingParams, EnsembleParams
+from addressed_dynamics.networks.files import addressed_folders, load_motion_network
+from addressed_dynamics.reporting.common.render import FIGURES, write_report
 from addressed_dynamics.reporting.motion.document import build_motion_report, motion_headline
 from addressed_dynamics.reporting.motion.figures.films import write_motion_scene
 from addressed_dynamics.reporting.motion.origin import MotionOrigin
 from addressed_dynamics.reporting.motion.results import load_motion_results
-from addressed_dynamics.reporting.render import FIGURES, write_report
 from pipeline.common import evaluation_dir, models_dir, reports_dir, run_stage
 
 LIBRARIES = ("addressed-dynamics", "numpy", "torch")

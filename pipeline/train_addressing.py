@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from addressed_dynamics.models.files import load_network
-from addressed_dynamics.params import load_params
-from addressed_dynamics.training.runtime import prepare_torch
+from addressed_dynamics.base.params.experiments import load_params
+from addressed_dynamics.base.torch_runtime import prepare_torch
+from addressed_dynamics.networks.files import load_network
 from pipeline.addressings import train_addressings, trained_ensembles
 from pipeline.common import run_stage
 from pipeline.environment_training import load_training_data

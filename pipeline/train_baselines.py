@@ -7,18 +7,18 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from addressed_dynamics.features.spec import FeatureSpec
-from addressed_dynamics.files import atomic_path, write_json
-from addressed_dynamics.models.files import SavedNetwork, save_network
-from addressed_dynamics.models.stacked import StackedMLP
-from addressed_dynamics.params import load_recipes
+from addressed_dynamics.base.files import atomic_path, write_json
+from addressed_dynamics.base.params.experiments import load_recipes
+from addressed_dynamics.base.torch_runtime import prepare_torch
+from addressed_dynamics.features.transitions.spec import FeatureSpec
+from addressed_dynamics.networks.files import SavedNetwork, save_network
+from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.tracking import Run
 from addressed_dynamics.training.addressing import train_addressing
 from addressed_dynamics.training.baselines import ONCE, PAIR, Baseline, plan_baselines
 from addressed_dynamics.training.ensemble import evaluate_profiles, train_ensemble
 from addressed_dynamics.training.epochs import Epoch
 from addressed_dynamics.training.losses import reported_loss
-from addressed_dynamics.training.runtime import prepare_torch
 from pipeline.common import checkpoints_dir, models_dir, reports_dir, run_stage
 from pipeline.environment_training import load_training_data
 from pipeline.training import (

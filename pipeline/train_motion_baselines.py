@@ -7,12 +7,13 @@ from typing import Any
 
 import torch
 
-from addressed_dynamics.features.samples import Samples
-from addressed_dynamics.files import atomic_path, write_json
-from addressed_dynamics.models.motion import MotionMode, MotionModel
-from addressed_dynamics.models.stacked import StackedMLP
-from addressed_dynamics.params import load_motion_recipes
-from addressed_dynamics.params_motion import BlendedTraining, MotionExperimentParams
+from addressed_dynamics.base.files import atomic_path, write_json
+from addressed_dynamics.base.params.experiments import load_motion_recipes
+from addressed_dynamics.base.params.motion import BlendedTraining, MotionExperimentParams
+from addressed_dynamics.base.torch_runtime import prepare_torch
+from addressed_dynamics.features.common.samples import Samples
+from addressed_dynamics.networks.stacked import StackedMLP
+from addressed_dynamics.simulators.motion import MotionMode, MotionModel
 from addressed_dynamics.tracking import Run
 from addressed_dynamics.training.addressing import train_addressing
 from addressed_dynamics.training.baselines import OTHER_RECIPE
@@ -22,7 +23,6 @@ from addressed_dynamics.training.epochs import Epoch, updates_per_epoch
 from addressed_dynamics.training.estimates import seconds_per_update
 from addressed_dynamics.training.losses import reported_loss
 from addressed_dynamics.training.motion_baselines import PFNN_FEATURES, blended_training, same_size, total_parameters
-from addressed_dynamics.training.runtime import prepare_torch
 from pipeline.addressings import addressing_seconds
 from pipeline.common import checkpoints_dir, models_dir, reports_dir, run_stage
 from pipeline.ensembles import ensemble_seconds

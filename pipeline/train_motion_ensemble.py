@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from addressed_dynamics.params import load_motion_params
-from addressed_dynamics.training.runtime import prepare_torch
+from addressed_dynamics.base.params.experiments import load_motion_params
+from addressed_dynamics.base.torch_runtime import prepare_torch
 from pipeline.common import run_stage
 from pipeline.ensembles import train_ensembles
 from pipeline.motion_training import load_motion_data

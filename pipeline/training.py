@@ -11,11 +11,11 @@ from typing import Any, Generic, TypeVar
 from torch import Tensor
 
 from addressed_dynamics import tracking
-from addressed_dynamics.features.motion import MotionFeatures
-from addressed_dynamics.features.samples import Samples, fingerprint
-from addressed_dynamics.features.spec import FeatureSpec
-from addressed_dynamics.files import atomic_path
-from addressed_dynamics.training.augmentation import Augment
+from addressed_dynamics.base.files import atomic_path
+from addressed_dynamics.features.common.augmentation import Augment
+from addressed_dynamics.features.common.samples import Samples, fingerprint
+from addressed_dynamics.features.motion.features import MotionFeatures
+from addressed_dynamics.features.transitions.spec import FeatureSpec
 from addressed_dynamics.training.checkpoints import Checkpoint
 from addressed_dynamics.training.epochs import Epoch
 from addressed_dynamics.training.estimates import all_done, in_words

@@ -6,8 +6,8 @@ import gymnasium
 import numpy as np
 
 from addressed_dynamics.envs import ACROBOT
+from addressed_dynamics.episodes.transitions import SpaceSpec, Transitions
 from addressed_dynamics.recording.spaces import space_spec
-from addressed_dynamics.transitions import SpaceSpec, Transitions
 
 
 def acrobot_spaces(time_step: float = 0.02) -> SpaceSpec:

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from strategies import random_transitions
 
+from addressed_dynamics.episodes.transitions import COLUMNS, Dimension, DiscreteAction, SpaceSpec, Transitions
 from addressed_dynamics.logs import RunInfo, TransitionLogWriter
-from addressed_dynamics.transitions import COLUMNS, Dimension, DiscreteAction, SpaceSpec, Transitions
 
 RUN = RunInfo(
     environment="Some-v0",

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from addressed_dynamics.motion.fingerprints import VERTICAL, Y_TERRAIN
-from addressed_dynamics.motion.frames import Motion
-from addressed_dynamics.motion.layout import INPUT, INPUT_HEIGHTS, OUTPUT
+from addressed_dynamics.episodes.layout import INPUT, INPUT_HEIGHTS, OUTPUT
+from addressed_dynamics.episodes.motion import Motion
+from addressed_dynamics.sources.motion.fingerprints import VERTICAL, Y_TERRAIN
 
 JOINTS = ("joint_position", "joint_velocity")
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from addressed_dynamics.motion.frames import Motion
-from addressed_dynamics.motion.layout import INPUT, INPUT_HEIGHTS, OUTPUT
+from addressed_dynamics.episodes.layout import INPUT, INPUT_HEIGHTS, OUTPUT
+from addressed_dynamics.episodes.motion import Motion
 
 
 def make_motion(rows: int = 96, *, clips: tuple[str, ...] = ("walk", "jog"), seed: int = 0) -> Motion:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from addressed_dynamics.motion.layout import PARENTS
+from addressed_dynamics.episodes.layout import PARENTS
 
 Vector = np.ndarray
 FEET = {4: 5.0, 5: 4.0, 9: 5.0, 10: 4.0}

@@ -3,7 +3,7 @@
 import numpy as np
 from hypothesis import strategies as st
 
-from addressed_dynamics.transitions import (
+from addressed_dynamics.episodes.transitions import (
     ContinuousAction,
     Dimension,
     DiscreteAction,

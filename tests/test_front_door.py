@@ -23,7 +23,7 @@ def run_python(program: str, *arguments: str) -> subprocess.CompletedProcess[str
 
 
 def test_what_it_offers_is_what_its_modules_define() -> None:
-    from addressed_dynamics.models import addressed
+    from addressed_dynamics.simulators import addressed
     from addressed_dynamics.training import clustering
 
     assert AddressedDynamics is addressed.AddressedDynamics

@@ -24,7 +24,7 @@ from pipeline_clones import (
 from ruamel.yaml import YAML
 from stage_dependencies import ROOT, first_party, is_data
 
-from addressed_dynamics.params import load_motion_params, load_motion_recipes, load_params
+from addressed_dynamics.base.params.experiments import load_motion_params, load_motion_recipes, load_params
 
 
 @pytest.fixture(scope="module")
@@ -100,7 +100,7 @@ def test_lazy_imports_count_but_not_those_of_a_package_that_is_passed(tmp_path: 
         "src/addressed_dynamics/__init__.py": "def __getattr__(name):\n    from addressed_dynamics import front\n",
         "src/addressed_dynamics/front.py": "",
         "src/addressed_dynamics/types.py": "",
-        "src/addressed_dynamics/errors.py": "",
+        "src/addressed_dynamics/base/errors.py": "",
         "src/addressed_dynamics/models/__init__.py": "",
         "src/addressed_dynamics/models/net.py": (
             "from typing import TYPE_CHECKING\nfrom addressed_dynamics import errors\n"

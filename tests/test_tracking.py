@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from addressed_dynamics import tracking
-from addressed_dynamics.errors import TrackingError
+from addressed_dynamics.base.errors import TrackingError
 
 LOCK = """
 schema: '2.0'

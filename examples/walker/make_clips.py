@@ -6,7 +6,7 @@ Each clip comes with its mirror image, as `.bvh` at 120 Hz, `.phase`, `.gait`, `
 import argparse
 from pathlib import Path
 
-from addressed_dynamics.motion.walker import make_walker_clips
+from addressed_dynamics.recording.walker import make_walker_clips
 
 
 def main() -> None:

@@ -3,12 +3,12 @@
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from addressed_dynamics.models.addressed import AddressedDynamics
-    from addressed_dynamics.models.motion import MotionModel
-    from addressed_dynamics.motion.frames import Motion
-    from addressed_dynamics.motion.source import read_motion
+    from addressed_dynamics.episodes.motion import Motion
     from addressed_dynamics.recording.recorder import TransitionRecorder
-    from addressed_dynamics.sources import read_transitions
+    from addressed_dynamics.simulators.addressed import AddressedDynamics
+    from addressed_dynamics.simulators.motion import MotionModel
+    from addressed_dynamics.sources.motion.source import read_motion
+    from addressed_dynamics.sources.transitions.reading import read_transitions
     from addressed_dynamics.training.clustering import assign_to_bins
 
 __all__ = [
@@ -22,13 +22,13 @@ __all__ = [
 ]
 
 _HOMES = {
-    "AddressedDynamics": "addressed_dynamics.models.addressed",
-    "Motion": "addressed_dynamics.motion.frames",
-    "MotionModel": "addressed_dynamics.models.motion",
+    "AddressedDynamics": "addressed_dynamics.simulators.addressed",
+    "Motion": "addressed_dynamics.episodes.motion",
+    "MotionModel": "addressed_dynamics.simulators.motion",
     "TransitionRecorder": "addressed_dynamics.recording.recorder",
     "assign_to_bins": "addressed_dynamics.training.clustering",
-    "read_motion": "addressed_dynamics.motion.source",
-    "read_transitions": "addressed_dynamics.sources",
+    "read_motion": "addressed_dynamics.sources.motion.source",
+    "read_transitions": "addressed_dynamics.sources.transitions.reading",
 }
 
 

@@ -30,8 +30,8 @@ from jaxtyping import Float32
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
-from addressed_dynamics.errors import TrackingError
-from addressed_dynamics.files import write_json
+from addressed_dynamics.base.errors import TrackingError
+from addressed_dynamics.base.files import write_json
 
 if TYPE_CHECKING:
     import torch

@@ -7,6 +7,7 @@ from gymnasium.envs.classic_control.acrobot import AcrobotEnv
 from hypothesis import given
 from hypothesis import strategies as st
 
+from addressed_dynamics.base.errors import SpaceError
 from addressed_dynamics.envs import (
     ACROBOT,
     Acrobot,
@@ -15,9 +16,8 @@ from addressed_dynamics.envs import (
     acrobot_state,
     acrobot_step,
 )
-from addressed_dynamics.errors import SpaceError
+from addressed_dynamics.episodes.transitions import DiscreteAction
 from addressed_dynamics.recording.spaces import space_spec
-from addressed_dynamics.transitions import DiscreteAction
 
 WIDE = {"start_angle": (-np.pi, np.pi), "start_velocity": (-4.0, 4.0)}
 

@@ -7,8 +7,8 @@ from gymnasium.envs.classic_control.mountain_car import MountainCarEnv
 from hypothesis import given
 from hypothesis import strategies as st
 
+from addressed_dynamics.base.errors import SpaceError
 from addressed_dynamics.envs import CONTINUING_MOUNTAIN_CAR, MountainCarContinuing, mountain_car_step
-from addressed_dynamics.errors import SpaceError
 
 positions = st.floats(-1.2, 0.6)
 velocities = st.floats(-0.07, 0.07)

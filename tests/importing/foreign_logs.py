@@ -14,7 +14,7 @@ from mcap.writer import CompressionType, Writer
 from mcap_ros2.writer import Writer as Ros2Writer
 from pydantic import TypeAdapter
 
-from addressed_dynamics.params_source import McapSource, MinariSource, SourceParams, TableSource
+from addressed_dynamics.base.params.source import McapSource, MinariSource, SourceParams, TableSource
 
 SECOND = 10**9
 ROS2 = {"/joint_states": ("arm/State", "float64[] position\nstring name"), "/cmd": ("arm/Command", "float32 torque")}

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from addressed_dynamics.errors import LogError
+from addressed_dynamics.base.errors import LogError
 from addressed_dynamics.importing.clock import NONE, TopicTimes, newest, silences, ticks
 
 TIMES = st.lists(st.integers(0, 200), min_size=1, max_size=40).map(sorted)

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from addressed_dynamics.errors import ParamsError
+from addressed_dynamics.base.errors import ParamsError
 from addressed_dynamics.importing.paths import (
     FieldPath,
     MissingField,

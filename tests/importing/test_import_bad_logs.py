@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from mcap.writer import CompressionType, IndexType, Writer
 from mcap_ros2.writer import Writer as Ros2Writer
 
-from addressed_dynamics.errors import AddressedDynamicsError, LogError, ParamsError
+from addressed_dynamics.base.errors import AddressedDynamicsError, LogError, ParamsError
 from addressed_dynamics.importing import import_logs
 from addressed_dynamics.importing.agreement import Agreement
 from addressed_dynamics.importing.mcap_logs import read_mcap

@@ -11,9 +11,9 @@ from foreign_logs import SECOND, Timed, json_log, protobuf_log, ros2_log, save, 
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from addressed_dynamics.episodes.transitions import DiscreteAction, Transitions
 from addressed_dynamics.importing import import_logs
-from addressed_dynamics.sources import read_transitions
-from addressed_dynamics.transitions import DiscreteAction, Transitions
+from addressed_dynamics.sources.transitions.reading import read_transitions
 
 
 @pytest.fixture(autouse=True)

@@ -10,10 +10,10 @@ import polars
 import pytest
 from foreign_logs import source
 
-from addressed_dynamics.errors import AddressedDynamicsError, TableError
+from addressed_dynamics.base.errors import AddressedDynamicsError, TableError
+from addressed_dynamics.episodes.transitions import Transitions
 from addressed_dynamics.importing import import_logs
-from addressed_dynamics.sources import read_transitions
-from addressed_dynamics.transitions import Transitions
+from addressed_dynamics.sources.transitions.reading import read_transitions
 
 TABLE = {
     "kind": "csv",

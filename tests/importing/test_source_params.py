@@ -10,9 +10,9 @@ import pytest
 from example_params import EXAMPLE, write_params
 from foreign_logs import SOURCE, json_log, save, states_and_commands
 
-from addressed_dynamics.errors import ParamsError
-from addressed_dynamics.params import load_params, load_record_params, load_source_params
-from addressed_dynamics.sources import read_transitions
+from addressed_dynamics.base.errors import ParamsError
+from addressed_dynamics.base.params.experiments import load_params, load_record_params, load_source_params
+from addressed_dynamics.sources.transitions.reading import read_transitions
 from pipeline import import_logs, record
 
 ROOT = Path(__file__).parents[2]

@@ -16,11 +16,11 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType, Writer
 from strategies import transitions
 
-from addressed_dynamics.errors import LogError
+from addressed_dynamics.base.errors import LogError
+from addressed_dynamics.episodes.transitions import COLUMNS, Transitions
 from addressed_dynamics.logs import read_blocks, read_episodes, read_log, write_log
 from addressed_dynamics.logs.container_writer import INDEX_ENTRY, ContainerWriter
 from addressed_dynamics.logs.log_file import CHUNK_BYTES
-from addressed_dynamics.transitions import COLUMNS, Transitions
 
 COMPRESSIONS = {"zstd": CompressionType.ZSTD, "lz4": CompressionType.LZ4, "": CompressionType.NONE}
 KINDS = list(COMPRESSIONS)

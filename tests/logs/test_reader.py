@@ -9,7 +9,7 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType, Writer
 from strategies import transitions
 
-from addressed_dynamics.errors import LogError
+from addressed_dynamics.base.errors import LogError
 from addressed_dynamics.logs import read_log
 
 

@@ -11,9 +11,9 @@ from mcap.reader import make_reader
 from mcap.records import Metadata
 from mcap.stream_reader import StreamReader
 
-from addressed_dynamics.errors import LogError
+from addressed_dynamics.base.errors import LogError
+from addressed_dynamics.episodes.transitions import COLUMNS
 from addressed_dynamics.logs import TransitionLogWriter, read_log, recover_log
-from addressed_dynamics.transitions import COLUMNS
 
 EXPECTED = car_transitions([20] * 6)
 

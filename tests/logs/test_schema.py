@@ -5,7 +5,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from strategies import space_specs
 
-from addressed_dynamics.errors import SpaceError
+from addressed_dynamics.base.errors import SpaceError
+from addressed_dynamics.episodes.transitions import ContinuousAction, Dimension, DiscreteAction, SpaceSpec
 from addressed_dynamics.logs.layout import message_layout
 from addressed_dynamics.logs.schema import (
     EPISODE_SCHEMA,
@@ -15,7 +16,6 @@ from addressed_dynamics.logs.schema import (
     schema_data,
     transition_file,
 )
-from addressed_dynamics.transitions import ContinuousAction, Dimension, DiscreteAction, SpaceSpec
 
 
 def message_class(file, name):

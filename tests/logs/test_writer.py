@@ -11,11 +11,11 @@ from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
 from strategies import transitions
 
-from addressed_dynamics.errors import LogError
+from addressed_dynamics.base.errors import LogError
+from addressed_dynamics.episodes.transitions import DiscreteAction
 from addressed_dynamics.logs import TransitionLogWriter, read_log, recover_log
 from addressed_dynamics.logs.container_writer import ContainerWriter
 from addressed_dynamics.logs.log_file import CHUNK_BYTES
-from addressed_dynamics.transitions import DiscreteAction
 
 
 def decoded_messages(data: bytes):

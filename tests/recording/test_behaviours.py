@@ -6,8 +6,8 @@ from gymnasium import spaces
 from hypothesis import given
 from hypothesis import strategies as st
 
+from addressed_dynamics.base.errors import RecordingError
 from addressed_dynamics.envs import mountain_car_step
-from addressed_dynamics.errors import RecordingError
 from addressed_dynamics.recording.behaviours import HeldActions, Policy, constant_policy, mostly, random_policy
 
 DISCRETE = spaces.Discrete(3)

@@ -7,7 +7,7 @@ import torch
 from example_params import DQN
 from gymnasium import spaces
 
-from addressed_dynamics.params_recording import DqnBehaviour
+from addressed_dynamics.base.params.recording import DqnBehaviour
 from addressed_dynamics.recording.acting import FrameSkip
 from addressed_dynamics.recording.dqn import _model, _ScaledByBounds, learn
 

@@ -11,11 +11,11 @@ import torch
 from builders import assert_same
 from example_params import EXAMPLE
 
-from addressed_dynamics.errors import RecordingError
+from addressed_dynamics.base.errors import RecordingError
+from addressed_dynamics.base.params.recording import RecordParams
 from addressed_dynamics.logs import read_log
-from addressed_dynamics.params_recording import RecordParams
 from addressed_dynamics.recording.plan import first_episode, record_plan, recording_folder
-from addressed_dynamics.sources import read_transitions
+from addressed_dynamics.sources.transitions.reading import read_transitions
 
 
 def plan(**changes: Any) -> RecordParams:

@@ -11,7 +11,7 @@ from builders import fill_disk_after
 from gymnasium.spaces import Box, Dict, Discrete, MultiDiscrete
 from gymnasium.wrappers import Autoreset, TimeLimit
 
-from addressed_dynamics.errors import LogError, RecordingError, SpaceError
+from addressed_dynamics.base.errors import LogError, RecordingError, SpaceError
 from addressed_dynamics.logs import RunInfo, read_log, recover_log
 from addressed_dynamics.recording.recorder import TransitionRecorder
 from addressed_dynamics.recording.spaces import space_spec

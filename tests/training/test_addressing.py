@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from learning import ADDRESSING, car_samples
 
-from addressed_dynamics.errors import TrainingError
-from addressed_dynamics.features.samples import Samples
-from addressed_dynamics.params_training import AddressingTraining
+from addressed_dynamics.base.errors import TrainingError
+from addressed_dynamics.base.params.training import AddressingTraining
+from addressed_dynamics.features.common.samples import Samples
 from addressed_dynamics.training.addressing import (
     Variant,
     addressing_metrics,

@@ -6,8 +6,8 @@ import torch
 from example_params import EXAMPLE
 from learning import ADDRESSING, CHANGE, ENSEMBLE, car_samples
 
-from addressed_dynamics.models.stacked import StackedMLP
-from addressed_dynamics.params import ExperimentParams
+from addressed_dynamics.base.params.experiments import ExperimentParams
+from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.training.baselines import ONCE, PAIR, Baseline, hidden_of_total_parameters, plan_baselines
 from addressed_dynamics.training.ensemble import train_ensemble, untrained_ensemble
 from addressed_dynamics.training.epochs import updates_per_epoch

@@ -8,13 +8,13 @@ import torch
 from motions import make_motion
 from torch import Tensor
 
-from addressed_dynamics.errors import TrainingError
-from addressed_dynamics.features.motion import fit_motion_features
-from addressed_dynamics.models.motion import MotionModel
-from addressed_dynamics.models.phase_functioned import catmull_rom
-from addressed_dynamics.models.stacked import StackedMLP
-from addressed_dynamics.params_base import OptimiserParams
-from addressed_dynamics.params_motion import BlendedTraining, MotionFeatureParams
+from addressed_dynamics.base.errors import TrainingError
+from addressed_dynamics.base.params.motion import BlendedTraining, MotionFeatureParams
+from addressed_dynamics.base.params.sections import OptimiserParams
+from addressed_dynamics.features.motion.features import fit_motion_features
+from addressed_dynamics.networks.phase_functioned import catmull_rom
+from addressed_dynamics.networks.stacked import StackedMLP
+from addressed_dynamics.simulators.motion import MotionModel
 from addressed_dynamics.training.blended import (
     BlendedEpoch,
     forward_with_dropout,

@@ -5,7 +5,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from addressed_dynamics.errors import TrainingError
+from addressed_dynamics.base.errors import TrainingError
 from addressed_dynamics.training.clustering import assign_to_bins
 
 

@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from learning import ENSEMBLE, car_samples
 
-from addressed_dynamics.errors import TrainingError
-from addressed_dynamics.features.samples import Samples
-from addressed_dynamics.params_training import EnsembleParams
+from addressed_dynamics.base.errors import TrainingError
+from addressed_dynamics.base.params.training import EnsembleParams
+from addressed_dynamics.features.common.samples import Samples
 from addressed_dynamics.training.checkpoints import Checkpoint
 from addressed_dynamics.training.clustering import assign_to_bins
 from addressed_dynamics.training.ensemble import (

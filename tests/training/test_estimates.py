@@ -2,8 +2,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from addressed_dynamics.features.samples import Samples
-from addressed_dynamics.models.stacked import StackedMLP
+from addressed_dynamics.features.common.samples import Samples
+from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.training.epochs import Epoch
 from addressed_dynamics.training.estimates import PROBE_UPDATES, all_done, in_words, seconds_per_update
 

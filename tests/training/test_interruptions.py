@@ -19,8 +19,8 @@ from example_params import EXAMPLE, write_params
 from learning import drive
 from test_stages import ENVIRONMENT, finished, read_terminal
 
-from addressed_dynamics.conversion import convert_recording
-from addressed_dynamics.params import load_params
+from addressed_dynamics.base.params.experiments import load_params
+from addressed_dynamics.sources.transitions.conversion import convert_recording
 
 EPOCHS = 120
 """Over twice as many as a worker can be ahead of the progress bar: it waits when the pipe to its parent is full."""

@@ -7,8 +7,8 @@ from functools import partial
 import pytest
 from learning import ENSEMBLE, car_samples
 
-from addressed_dynamics.errors import TrainingError
-from addressed_dynamics.models.stacked import StackedMLP
+from addressed_dynamics.base.errors import TrainingError
+from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.training.ensemble import train_ensemble
 from addressed_dynamics.training.epochs import Epoch
 from addressed_dynamics.training.jobs import run_jobs

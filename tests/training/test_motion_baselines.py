@@ -5,9 +5,9 @@ from typing import Any
 from hypothesis import given
 from hypothesis import strategies as st
 
-from addressed_dynamics.params_base import OptimiserParams
-from addressed_dynamics.params_motion import BlendedNetwork
-from addressed_dynamics.params_training import EnsembleParams
+from addressed_dynamics.base.params.motion import BlendedNetwork
+from addressed_dynamics.base.params.sections import OptimiserParams
+from addressed_dynamics.base.params.training import EnsembleParams
 from addressed_dynamics.training.baselines import as_single
 from addressed_dynamics.training.epochs import updates_per_epoch
 from addressed_dynamics.training.motion_baselines import blended_training, same_size, total_parameters

@@ -9,15 +9,15 @@ import torch
 from motions import make_motion
 from torch import Tensor
 
-from addressed_dynamics.features.motion import fit_motion_features
-from addressed_dynamics.params_base import OptimiserParams
-from addressed_dynamics.params_motion import AugmentationParams, MotionFeatureParams
-from addressed_dynamics.params_training import AddressingTraining, EnsembleParams
+from addressed_dynamics.base.params.motion import AugmentationParams, MotionFeatureParams
+from addressed_dynamics.base.params.sections import OptimiserParams
+from addressed_dynamics.base.params.training import AddressingTraining, EnsembleParams
+from addressed_dynamics.features.motion.augmentation import MotionAugmentation
+from addressed_dynamics.features.motion.features import fit_motion_features
 from addressed_dynamics.training.addressing import train_addressing
 from addressed_dynamics.training.checkpoints import Checkpoint
 from addressed_dynamics.training.ensemble import evaluate_profiles, train_ensemble
 from addressed_dynamics.training.epochs import Epoch
-from addressed_dynamics.training.motion_augmentation import MotionAugmentation
 
 FEATURES = fit_motion_features(make_motion(), MotionFeatureParams(target="trajectory_change"))
 TRAIN, VALIDATION = FEATURES.samples(make_motion()), FEATURES.samples(make_motion(24, seed=1))

@@ -3,8 +3,8 @@ import math
 import pytest
 import torch
 
-from addressed_dynamics.models.stacked import ACTIVATIONS, StackedMLP
-from addressed_dynamics.params_base import OptimiserParams
+from addressed_dynamics.base.params.sections import OptimiserParams
+from addressed_dynamics.networks.stacked import ACTIVATIONS, StackedMLP
 from addressed_dynamics.training.losses import absolute_error, cross_entropy, cross_entropy_of_heads, squared_error
 from addressed_dynamics.training.update import StackTrainer
 

@@ -12,7 +12,7 @@ import numpy as np
 from gymnasium.envs.classic_control.acrobot import AcrobotEnv
 from jaxtyping import Float, Float32, Float64, Int64
 
-from addressed_dynamics.errors import SpaceError
+from addressed_dynamics.base.errors import SpaceError
 
 GRAVITY = 9.8
 """What the equations of motion of Gymnasium's Acrobot have, in m/s²."""

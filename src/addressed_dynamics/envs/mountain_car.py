@@ -11,7 +11,7 @@ import numpy as np
 from gymnasium.envs.classic_control.mountain_car import MountainCarEnv
 from jaxtyping import Float32, Float64, Int
 
-from addressed_dynamics.errors import SpaceError
+from addressed_dynamics.base.errors import SpaceError
 
 LOWEST_POSITION, HIGHEST_POSITION = -1.2, 0.6
 HIGHEST_SPEED = 0.07

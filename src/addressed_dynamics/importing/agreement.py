@@ -2,7 +2,7 @@
 
 from collections.abc import Hashable
 
-from addressed_dynamics.errors import LogError
+from addressed_dynamics.base.errors import LogError
 
 
 class Agreement:

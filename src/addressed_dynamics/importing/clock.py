@@ -8,7 +8,7 @@ import numpy as np
 import polars
 from jaxtyping import Bool, Int64
 
-from addressed_dynamics.errors import LogError
+from addressed_dynamics.base.errors import LogError
 
 MOST_TICKS = 20_000_000
 """Most ticks in a file, eleven days at 20 Hz; a damaged time would ask for any number."""

@@ -9,7 +9,7 @@ import numpy as np
 import polars
 from jaxtyping import Bool, Float64
 
-from addressed_dynamics.errors import TableError
+from addressed_dynamics.base.errors import TableError
 from addressed_dynamics.importing.agreement import Agreement
 from addressed_dynamics.importing.decoding import reason
 from addressed_dynamics.importing.paths import column_and_place

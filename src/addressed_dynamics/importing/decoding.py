@@ -15,7 +15,7 @@ from mcap.records import Channel, Schema
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap_ros2.decoder import DecoderFactory
 
-from addressed_dynamics.errors import LogError
+from addressed_dynamics.base.errors import LogError
 
 Decode = Callable[[bytes], Any]
 """Decodes a message; raises anything on one that is damaged."""

@@ -7,8 +7,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from addressed_dynamics.errors import LogError
-from addressed_dynamics.files import write_json
+from addressed_dynamics.base.errors import LogError
+from addressed_dynamics.base.files import write_json
+from addressed_dynamics.base.params.source import McapSource, MinariSource, SourceParams, TableSource
 from addressed_dynamics.importing.agreement import Agreement
 from addressed_dynamics.importing.columns import read_table_file
 from addressed_dynamics.importing.mcap_logs import read_mcap
@@ -24,7 +25,6 @@ from addressed_dynamics.importing.samples import (
 )
 from addressed_dynamics.importing.signals import Signals, signals_of
 from addressed_dynamics.logs import RunInfo, write_log
-from addressed_dynamics.params_source import McapSource, MinariSource, SourceParams, TableSource
 
 ACCOUNT = "import.json"
 """Name of the file that says what was read, dropped, late and held."""

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
-from addressed_dynamics.errors import LogError
+from addressed_dynamics.base.errors import LogError
+from addressed_dynamics.base.params.source import EpisodeByGap, McapSource
 from addressed_dynamics.importing.agreement import Agreement
 from addressed_dynamics.importing.clock import NONE, TopicTimes, newest, silences, ticks
 from addressed_dynamics.importing.paths import FieldPath
@@ -18,7 +19,6 @@ from addressed_dynamics.importing.samples import Samples, usable
 from addressed_dynamics.importing.series import TopicSeries
 from addressed_dynamics.importing.signals import Signals
 from addressed_dynamics.importing.topics import read_topics
-from addressed_dynamics.params_source import EpisodeByGap, McapSource
 
 SUMMED = ("messages", "not_finite", "backwards", "unused", "held")
 """Counters of topics that are summed for a file: messages read, with a value that is not finite, that stood behind a

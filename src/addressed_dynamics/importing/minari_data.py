@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import polars
 
-from addressed_dynamics.errors import TableError
+from addressed_dynamics.base.errors import TableError
 from addressed_dynamics.importing.agreement import Agreement
 from addressed_dynamics.importing.columns import column_values, keep_usable
 from addressed_dynamics.importing.decoding import reason

@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 
 from google.protobuf.message import Message
 
-from addressed_dynamics.errors import ParamsError
+from addressed_dynamics.base.errors import ParamsError
 
 Step: TypeAlias = str | int
 """One step into a message: the name of a field, or the place in an array."""

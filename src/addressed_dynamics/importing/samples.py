@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
+from addressed_dynamics.episodes.transitions import DiscreteAction, SpaceSpec, Transitions
 from addressed_dynamics.importing.signals import Signals
-from addressed_dynamics.transitions import DiscreteAction, SpaceSpec, Transitions
 
 EPISODES_PER_FILE = 1_000_000
 """Room in the numbering of episodes: the 17th episode of file 2 is 2_000_016 (files from 0)."""

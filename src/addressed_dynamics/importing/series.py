@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 from mcap.records import Channel, Schema
 
-from addressed_dynamics.errors import LogError
+from addressed_dynamics.base.errors import LogError
 from addressed_dynamics.importing.agreement import Agreement
 from addressed_dynamics.importing.decoding import Decode, decoder_for, reason
 from addressed_dynamics.importing.paths import FieldPath, MissingField, Step, listed_fields, look_up, shown

@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from addressed_dynamics.errors import ParamsError
-from addressed_dynamics.importing.paths import expand_slice
-from addressed_dynamics.params_source import (
+from addressed_dynamics.base.errors import ParamsError
+from addressed_dynamics.base.params.source import (
     EpisodeByColumn,
     EpisodeByTopic,
     FieldParams,
@@ -19,7 +18,8 @@ from addressed_dynamics.params_source import (
     SourceParams,
     TableSource,
 )
-from addressed_dynamics.transitions import ContinuousAction, Dimension, DiscreteAction, SpaceSpec
+from addressed_dynamics.episodes.transitions import ContinuousAction, Dimension, DiscreteAction, SpaceSpec
+from addressed_dynamics.importing.paths import expand_slice
 
 
 @dataclass(frozen=True)

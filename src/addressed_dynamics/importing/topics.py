@@ -8,7 +8,7 @@ from typing import Literal
 
 from mcap.records import Channel, Schema
 
-from addressed_dynamics.errors import LogError
+from addressed_dynamics.base.errors import LogError
 from addressed_dynamics.importing.agreement import Agreement
 from addressed_dynamics.importing.paths import FieldPath
 from addressed_dynamics.importing.series import TopicReader, TopicSeries

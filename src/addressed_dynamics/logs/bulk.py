@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Int64, UInt8
 
-from addressed_dynamics.errors import LogError
+from addressed_dynamics.base.errors import LogError
+from addressed_dynamics.episodes.transitions import Transitions
 from addressed_dynamics.logs.contents import RunInfo
 from addressed_dynamics.logs.log_file import (
     CHUNK_BYTES,
@@ -23,7 +24,6 @@ from addressed_dynamics.logs.log_file import (
     index_entries,
     message_bytes,
 )
-from addressed_dynamics.transitions import Transitions
 
 
 def write_log(

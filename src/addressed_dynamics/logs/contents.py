@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from addressed_dynamics.transitions import SpaceSpec, Transitions
+from addressed_dynamics.episodes.transitions import SpaceSpec, Transitions
 
 FORMAT_VERSION = "1"
 """Version of the layout of logs; a log of another version is refused."""

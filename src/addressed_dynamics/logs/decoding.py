@@ -10,7 +10,8 @@ import numpy as np
 from jaxtyping import Shaped
 from mcap.records import Channel, Metadata, Schema
 
-from addressed_dynamics.errors import LogError, TransitionsError
+from addressed_dynamics.base.errors import LogError, TransitionsError
+from addressed_dynamics.episodes.transitions import DiscreteAction, SpaceSpec
 from addressed_dynamics.logs.container import MESSAGE_HEADER, Content, Damage, MessageRun
 from addressed_dynamics.logs.contents import EpisodeRecord, RunRecord
 from addressed_dynamics.logs.layout import MessageLayout
@@ -22,7 +23,6 @@ from addressed_dynamics.logs.schema import (
     episode_layout,
     transition_layout,
 )
-from addressed_dynamics.transitions import DiscreteAction, SpaceSpec
 
 Columns = dict[str, Shaped[np.ndarray, "step ..."]]
 """The columns of `Transitions` by name."""

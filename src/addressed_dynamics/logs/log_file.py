@@ -18,7 +18,8 @@ from mcap.records import Channel, Schema
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from numpy.typing import ArrayLike
 
-from addressed_dynamics.errors import LogError
+from addressed_dynamics.base.errors import LogError
+from addressed_dynamics.episodes.transitions import DiscreteAction, SpaceSpec
 from addressed_dynamics.logs.container import MESSAGE_HEADER
 from addressed_dynamics.logs.container_writer import INDEX_ENTRY, ContainerWriter
 from addressed_dynamics.logs.contents import Ended, RunInfo, RunRecord
@@ -34,7 +35,6 @@ from addressed_dynamics.logs.schema import (
     transition_file,
     transition_layout,
 )
-from addressed_dynamics.transitions import DiscreteAction, SpaceSpec
 
 CHUNK_BYTES = 1024 * 1024
 """Most bytes in a chunk, before compression."""

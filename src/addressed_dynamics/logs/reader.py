@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 from mcap.writer import MCAP0_MAGIC as MAGIC
 
-from addressed_dynamics.errors import LogError, TransitionsError
+from addressed_dynamics.base.errors import LogError, TransitionsError
+from addressed_dynamics.episodes.transitions import Transitions
 from addressed_dynamics.logs.container import Damage, MessageRun, Source, scan
 from addressed_dynamics.logs.contents import EpisodeRecord, LogContents, RunRecord
 from addressed_dynamics.logs.decoding import Columns, Found, episode_records, run_record, transition_columns
 from addressed_dynamics.logs.schema import EPISODE_SCHEMA, TRANSITION_SCHEMA
-from addressed_dynamics.transitions import Transitions
 
 
 def read_log(path: Path) -> LogContents:

@@ -12,8 +12,9 @@ from mcap.records import Channel, Schema
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import MCAP0_MAGIC as MAGIC
 
-from addressed_dynamics.errors import LogError
-from addressed_dynamics.files import atomic_path
+from addressed_dynamics.base.errors import LogError
+from addressed_dynamics.base.files import atomic_path
+from addressed_dynamics.episodes.transitions import Transitions
 from addressed_dynamics.logs.bulk import write_log
 from addressed_dynamics.logs.container import (
     MESSAGE_HEADER,
@@ -31,7 +32,6 @@ from addressed_dynamics.logs.decoding import Columns, Found, episode_records, ru
 from addressed_dynamics.logs.log_file import EPISODE_CHANNEL, TRANSITION_CHANNEL
 from addressed_dynamics.logs.reader import open_source
 from addressed_dynamics.logs.schema import EPISODE_SCHEMA, TRANSITION_SCHEMA
-from addressed_dynamics.transitions import Transitions
 
 
 @dataclass(frozen=True)

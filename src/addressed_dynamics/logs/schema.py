@@ -18,10 +18,10 @@ from google.protobuf.descriptor_pb2 import (
     FileDescriptorSet,
 )
 
-from addressed_dynamics.errors import SpaceError
+from addressed_dynamics.base.errors import SpaceError
+from addressed_dynamics.episodes.transitions import ContinuousAction, Dimension, SpaceSpec
 from addressed_dynamics.logs.contents import Ended
 from addressed_dynamics.logs.layout import MessageLayout, message_layout
-from addressed_dynamics.transitions import ContinuousAction, Dimension, SpaceSpec
 
 PACKAGE = "addressed_dynamics"
 TRANSITION_SCHEMA = f"{PACKAGE}.Transition"

@@ -10,6 +10,7 @@ from typing import Any, Self
 import numpy as np
 from jaxtyping import UInt8
 
+from addressed_dynamics.episodes.transitions import SpaceSpec
 from addressed_dynamics.logs.contents import RunInfo
 from addressed_dynamics.logs.log_file import (
     CHUNK_BYTES,
@@ -24,7 +25,6 @@ from addressed_dynamics.logs.log_file import (
     message_bytes,
     transition_packer,
 )
-from addressed_dynamics.transitions import SpaceSpec
 
 
 class TransitionLogWriter:

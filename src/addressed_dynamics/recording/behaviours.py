@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium import Space, spaces
 from jaxtyping import Float, Shaped
 
-from addressed_dynamics.errors import RecordingError
+from addressed_dynamics.base.errors import RecordingError
 
 Observations = Float[np.ndarray, "copy observation"]
 Actions = Shaped[np.ndarray, "copy ..."]

@@ -19,11 +19,11 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.vec_env import DummyVecEnv
 from torch import Tensor
 
-from addressed_dynamics.errors import RecordingError
-from addressed_dynamics.params_recording import DqnBehaviour
+from addressed_dynamics.base.errors import RecordingError
+from addressed_dynamics.base.params.recording import DqnBehaviour
+from addressed_dynamics.base.threads import single_thread
 from addressed_dynamics.recording.acting import FrameSkip, Progress, act
 from addressed_dynamics.recording.behaviours import HeldActions, Policy
-from addressed_dynamics.threads import single_thread
 
 
 def learn(

@@ -12,8 +12,8 @@ import gymnasium
 import numpy as np
 
 import addressed_dynamics.envs  # noqa: F401 # registers the paper's environments
-from addressed_dynamics.errors import RecordingError
-from addressed_dynamics.params_recording import (
+from addressed_dynamics.base.errors import RecordingError
+from addressed_dynamics.base.params.recording import (
     ConstantBehaviour,
     DqnBehaviour,
     EnvironmentParams,

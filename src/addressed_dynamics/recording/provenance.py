@@ -5,8 +5,8 @@ import shutil
 import subprocess
 from datetime import UTC, datetime
 
+from addressed_dynamics.base.params.recording import SegmentParams
 from addressed_dynamics.logs import RunInfo
-from addressed_dynamics.params_recording import SegmentParams
 
 LIBRARIES = ("addressed-dynamics", "gymnasium", "numpy", "stable-baselines3", "torch")
 """Libraries whose versions can change what is recorded."""

@@ -13,10 +13,10 @@ from typing import Any, NoReturn, SupportsFloat
 import gymnasium
 import numpy as np
 
-from addressed_dynamics.errors import LogError, RecordingError
+from addressed_dynamics.base.errors import LogError, RecordingError
+from addressed_dynamics.episodes.transitions import DiscreteAction
 from addressed_dynamics.logs import RunInfo, TransitionLogWriter
 from addressed_dynamics.recording.spaces import environment_name, space_spec
-from addressed_dynamics.transitions import DiscreteAction
 
 _LARGEST_REWARD = float(np.finfo(np.float32).max)
 _LARGEST_SEED = 2**63 - 1

@@ -9,8 +9,8 @@ import gymnasium
 import numpy as np
 from gymnasium.spaces import Box, Discrete
 
-from addressed_dynamics.errors import SpaceError
-from addressed_dynamics.transitions import ContinuousAction, Dimension, DiscreteAction, SpaceSpec
+from addressed_dynamics.base.errors import SpaceError
+from addressed_dynamics.episodes.transitions import ContinuousAction, Dimension, DiscreteAction, SpaceSpec
 
 METADATA_KEY = "addressed_dynamics"
 """Key of an environment's metadata that holds its description, in the form that `addressed_dynamics.envs` explains."""

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 from torch.optim.adam import adam
 
-from addressed_dynamics.params_base import OptimiserParams
+from addressed_dynamics.base.params.sections import OptimiserParams
 
 
 class FlatAdam:

@@ -7,16 +7,16 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
-from addressed_dynamics.errors import TrainingError
-from addressed_dynamics.features.samples import Samples
-from addressed_dynamics.models.addressing import addressing_scores
-from addressed_dynamics.models.stacked import StackedMLP, in_chunks
-from addressed_dynamics.params_training import AddressingTraining
-from addressed_dynamics.training.augmentation import Augment
+from addressed_dynamics.base.errors import TrainingError
+from addressed_dynamics.base.params.training import AddressingTraining
+from addressed_dynamics.base.torch_runtime import named_generator
+from addressed_dynamics.features.common.augmentation import Augment
+from addressed_dynamics.features.common.samples import Samples
+from addressed_dynamics.networks.addressing import addressing_scores
+from addressed_dynamics.networks.stacked import StackedMLP, in_chunks
 from addressed_dynamics.training.checkpoints import Checkpoint
 from addressed_dynamics.training.epochs import Epoch, batches, updates_per_epoch
 from addressed_dynamics.training.losses import cross_entropy, cross_entropy_of_heads
-from addressed_dynamics.training.runtime import named_generator
 from addressed_dynamics.training.update import StackTrainer
 
 Variant = Literal["plain", "cost_sensitive"]

@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from addressed_dynamics.params import ExperimentParams, FeatureParams
-from addressed_dynamics.params_training import AddressingTraining, BaselinesParams, EnsembleParams
+from addressed_dynamics.base.params.experiments import ExperimentParams, FeatureParams
+from addressed_dynamics.base.params.training import AddressingTraining, BaselinesParams, EnsembleParams
 from addressed_dynamics.training.ensemble import Binning
 from addressed_dynamics.training.epochs import updates_per_epoch
 

@@ -14,18 +14,18 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
-from addressed_dynamics.errors import TrainingError
-from addressed_dynamics.features.samples import Samples
-from addressed_dynamics.models.addressing import addressing_scores
-from addressed_dynamics.models.phase_functioned import CONTROL_POINTS, catmull_rom
-from addressed_dynamics.models.stacked import ACTIVATIONS, StackedMLP, in_chunks
-from addressed_dynamics.params_motion import BlendedTraining
+from addressed_dynamics.base.errors import TrainingError
+from addressed_dynamics.base.params.motion import BlendedTraining
+from addressed_dynamics.base.torch_runtime import named_generator
+from addressed_dynamics.features.common.augmentation import Augment
+from addressed_dynamics.features.common.samples import Samples
+from addressed_dynamics.networks.addressing import addressing_scores
+from addressed_dynamics.networks.phase_functioned import CONTROL_POINTS, catmull_rom
+from addressed_dynamics.networks.stacked import ACTIVATIONS, StackedMLP, in_chunks
 from addressed_dynamics.training.adam import FlatAdam
-from addressed_dynamics.training.augmentation import Augment
 from addressed_dynamics.training.checkpoints import Checkpoint
 from addressed_dynamics.training.epochs import Epoch, batches, updates_per_epoch
 from addressed_dynamics.training.losses import loss_profile, reported_loss
-from addressed_dynamics.training.runtime import named_generator
 
 Coefficients = Callable[[Tensor, Tensor], Tensor]
 """(inputs (B, input), rows (B,)) -> what weighs each member for each of them, (B, member)."""

@@ -15,7 +15,7 @@ import safetensors.torch
 from safetensors import SafetensorError
 from torch import Tensor
 
-from addressed_dynamics.files import atomic_path
+from addressed_dynamics.base.files import atomic_path
 
 FORMAT = 2
 """Version of what a checkpoint holds, part of its name."""

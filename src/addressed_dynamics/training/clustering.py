@@ -4,7 +4,7 @@ import torch
 from jaxtyping import Bool, Float, Int32, Int64
 from torch import Tensor
 
-from addressed_dynamics.errors import TrainingError
+from addressed_dynamics.base.errors import TrainingError
 
 
 def assign_to_bins(losses: Float[Tensor, "sample member"]) -> Int64[Tensor, " sample"]:

@@ -7,16 +7,16 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
-from addressed_dynamics.errors import TrainingError
-from addressed_dynamics.features.samples import Samples
-from addressed_dynamics.models.stacked import StackedMLP, in_chunks
-from addressed_dynamics.params_training import EnsembleParams
-from addressed_dynamics.training.augmentation import Augment
+from addressed_dynamics.base.errors import TrainingError
+from addressed_dynamics.base.params.training import EnsembleParams
+from addressed_dynamics.base.torch_runtime import named_generator
+from addressed_dynamics.features.common.augmentation import Augment
+from addressed_dynamics.features.common.samples import Samples
+from addressed_dynamics.networks.stacked import StackedMLP, in_chunks
 from addressed_dynamics.training.checkpoints import Checkpoint
 from addressed_dynamics.training.clustering import assign_to_bins
 from addressed_dynamics.training.epochs import Epoch, batches, updates_per_epoch
 from addressed_dynamics.training.losses import REGRESSION_LOSSES, loss_profile, reported_loss
-from addressed_dynamics.training.runtime import named_generator
 from addressed_dynamics.training.update import StackTrainer
 
 Binning = Literal["equal", "lowest_loss", "random"]

@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
-from addressed_dynamics.models.stacked import StackedMLP
+from addressed_dynamics.networks.stacked import StackedMLP
 
 
 @dataclass(frozen=True)

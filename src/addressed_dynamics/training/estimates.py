@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator
 
 import torch
 
-from addressed_dynamics.features.samples import Samples
+from addressed_dynamics.features.common.samples import Samples
 from addressed_dynamics.training.epochs import Epoch, updates_per_epoch
 
 PROBE_UPDATES = 8

@@ -10,10 +10,10 @@ from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 
-from addressed_dynamics.errors import AddressedDynamicsError, TrainingError
-from addressed_dynamics.models.stacked import StackedMLP
+from addressed_dynamics.base.errors import AddressedDynamicsError, TrainingError
+from addressed_dynamics.base.torch_runtime import prepare_torch
+from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.training.epochs import Epoch
-from addressed_dynamics.training.runtime import prepare_torch
 
 Job = Callable[[], Iterator[Epoch]]
 """A training to run: picklable, for instance a `functools.partial` of a training loop."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from addressed_dynamics.params_motion import BlendedNetwork, BlendedTraining, MotionFeatureParams
-from addressed_dynamics.params_training import EnsembleParams
+from addressed_dynamics.base.params.motion import BlendedNetwork, BlendedTraining, MotionFeatureParams
+from addressed_dynamics.base.params.training import EnsembleParams
 from addressed_dynamics.training.baselines import as_single, hidden_of_total_parameters
 from addressed_dynamics.training.epochs import updates_per_epoch
 

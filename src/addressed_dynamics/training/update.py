@@ -9,8 +9,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from addressed_dynamics.models.stacked import Activation, StackedMLP
-from addressed_dynamics.params_base import OptimiserParams
+from addressed_dynamics.base.params.sections import OptimiserParams
+from addressed_dynamics.networks.stacked import Activation, StackedMLP
 from addressed_dynamics.training.adam import FlatAdam
 from addressed_dynamics.training.losses import MemberLoss
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from statistics import median
 
-from addressed_dynamics.reporting.blocks import Block, Links, Report, Section, Text
-from addressed_dynamics.reporting.figures import curves, histograms, specialisation
+from addressed_dynamics.reporting.common.blocks import Block, Links, Report, Section, Text
+from addressed_dynamics.reporting.common.figures import curves, histograms, specialisation
+from addressed_dynamics.reporting.common.records import BaselineLosses
 from addressed_dynamics.reporting.motion import loop_tables, tables
 from addressed_dynamics.reporting.motion.figures import addressing, closed_loop, films, one_step
 from addressed_dynamics.reporting.motion.origin import MotionOrigin, run_facts
@@ -15,7 +16,6 @@ from addressed_dynamics.reporting.motion.records import ENSEMBLE, MotionEvaluati
 from addressed_dynamics.reporting.motion.results import MotionResults
 from addressed_dynamics.reporting.motion.targets import judge_targets, target_table
 from addressed_dynamics.reporting.motion.verdict import findings, verdict
-from addressed_dynamics.reporting.records import BaselineLosses
 from addressed_dynamics.training.epochs import updates_per_epoch
 
 WORDS = specialisation.Words(held_out="held-out clips", scaled="normalised outputs")

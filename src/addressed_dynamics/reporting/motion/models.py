@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from addressed_dynamics.reporting.figures.style import FAINT, INK
+from addressed_dynamics.reporting.common.figures.style import FAINT, INK
 from addressed_dynamics.reporting.motion.records import ENSEMBLE, MotionEvaluation
 
 OWN = "addressed ensemble"

@@ -1,6 +1,6 @@
 """What the paper reports on motion capture, and whose data and model it is compared with."""
 
-from addressed_dynamics.reporting.paper import CITATION
+from addressed_dynamics.reporting.common.paper import CITATION
 
 PAPER_OWN, PAPER_PFNN = 0.69, 2.21
 """Mean absolute error of the paper's model and of PFNN (Experiment 3), in a unit that it does not state."""

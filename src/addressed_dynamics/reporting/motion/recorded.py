@@ -6,11 +6,11 @@ from collections.abc import Mapping
 
 from pydantic import Field
 
-from addressed_dynamics.motion.layout import FRAME_RATE
-from addressed_dynamics.motion.walker.clips import PREFIX
-from addressed_dynamics.reporting.blocks import Block, Column, Row, Table, Text
-from addressed_dynamics.reporting.numbers import MISSING, count, listed, percent, significant
-from addressed_dynamics.reporting.records import Record
+from addressed_dynamics.episodes.layout import FRAME_RATE
+from addressed_dynamics.recording.walker.clips import PREFIX
+from addressed_dynamics.reporting.common.blocks import Block, Column, Row, Table, Text
+from addressed_dynamics.reporting.common.numbers import MISSING, count, listed, percent, significant
+from addressed_dynamics.reporting.common.records import Record
 
 MOST_CLIPS = 40
 """Clips up to which each has a line of its own."""

@@ -10,11 +10,11 @@ from zipfile import BadZipFile
 import numpy as np
 from jaxtyping import Bool, Float
 
-from addressed_dynamics.errors import ReportError
+from addressed_dynamics.base.errors import ReportError
+from addressed_dynamics.reporting.common.records import AddressingTrainings
+from addressed_dynamics.reporting.common.results import Columns, missing_file, read_csv, read_json
 from addressed_dynamics.reporting.motion.recorded import MotionData
 from addressed_dynamics.reporting.motion.records import MotionEvaluation
-from addressed_dynamics.reporting.records import AddressingTrainings
-from addressed_dynamics.reporting.results import Columns, missing_file, read_csv, read_json
 
 
 @dataclass(frozen=True)

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from statistics import median
 
-from addressed_dynamics.motion.layout import FRAME_RATE
-from addressed_dynamics.reporting.blocks import Column, Row, Table
+from addressed_dynamics.episodes.layout import FRAME_RATE
+from addressed_dynamics.reporting.common.blocks import Column, Row, Table
+from addressed_dynamics.reporting.common.numbers import MISSING, count, percent, significant
 from addressed_dynamics.reporting.motion.models import OWN, UNTRAINED, main_models, model_style
 from addressed_dynamics.reporting.motion.paper import PAPER_OWN, PAPER_PFNN, PAPER_ROWS
 from addressed_dynamics.reporting.motion.recorded import SPLITS
 from addressed_dynamics.reporting.motion.records import ENSEMBLE, Candidate, MotionEvaluation, PhaseUse
-from addressed_dynamics.reporting.numbers import MISSING, count, percent, significant
 
 LEAKY = "rows"
 """The split whose frames are near copies of what was trained on."""

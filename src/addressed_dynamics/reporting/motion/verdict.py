@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from addressed_dynamics.reporting.comparison import MARGIN
+from addressed_dynamics.reporting.common.comparison import MARGIN
+from addressed_dynamics.reporting.common.numbers import in_words, percent, significant
+from addressed_dynamics.reporting.common.targets import Target
 from addressed_dynamics.reporting.motion.comparison import SCORE_MARGIN, compare, outcome, raw_error, score_of
 from addressed_dynamics.reporting.motion.findings import (
     addressing,
@@ -18,8 +20,6 @@ from addressed_dynamics.reporting.motion.findings import (
 )
 from addressed_dynamics.reporting.motion.models import CLOSEST
 from addressed_dynamics.reporting.motion.records import MotionEvaluation
-from addressed_dynamics.reporting.numbers import in_words, percent, significant
-from addressed_dynamics.reporting.targets import Target
 
 IN_SENTENCES = {
     "phase_functioned": "the PFNN trained here",

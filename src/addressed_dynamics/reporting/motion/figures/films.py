@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from addressed_dynamics.motion.layout import FRAME_RATE
-from addressed_dynamics.reporting.actors import Actor
-from addressed_dynamics.reporting.animation.skeleton import SECONDS, skeleton_film
-from addressed_dynamics.reporting.blocks import Figure, Panel
+from addressed_dynamics.episodes.layout import FRAME_RATE
+from addressed_dynamics.reporting.common.blocks import Figure, Panel
+from addressed_dynamics.reporting.motion.actors import Actor
+from addressed_dynamics.reporting.motion.animation.skeleton import SECONDS, skeleton_film
 from addressed_dynamics.reporting.motion.figures.closed_loop import told
 from addressed_dynamics.reporting.motion.models import main_models, model_style
 from addressed_dynamics.reporting.motion.records import MotionEvaluation
 from addressed_dynamics.reporting.motion.results import MotionArrays
-from addressed_dynamics.reporting.scene_log import write_scene
+from addressed_dynamics.reporting.motion.scene_log import write_scene
 
 WINDOWS = {"walk": (7.0, "walk, turn left, walk"), "jog": (34.5, "jog, turn left, jog")}
 """Films of the standard script by name: their first second, and what happens in them."""

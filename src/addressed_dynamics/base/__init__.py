@@ -1,0 +1,1 @@
+"""What everything stands on: errors, files, processes, torch's runtime and the params file."""

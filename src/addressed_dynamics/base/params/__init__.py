@@ -1,0 +1,1 @@
+"""The sections of a params file, frozen and checked."""

@@ -1,0 +1,132 @@
+"""The sections of a params file that say what to record."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, model_validator
+
+from addressed_dynamics.base.params.sections import Count, Positive, Section, Seed, Share
+
+Action = int | tuple[float, ...]
+
+
+class EnvironmentParams(Section):
+    """Which environment to make, and how."""
+
+    id: str
+    """Gymnasium identifier, for instance `MountainCar-v0`."""
+    kwargs: dict[str, Any]
+    """Keyword arguments for `gymnasium.make`."""
+
+
+class DqnBehaviour(Section):
+    """A DQN (stable-baselines3) that learns while it is recorded."""
+
+    kind: Literal["dqn"]
+    frame_skip: Count
+    """Simulated steps in a decision, for which its action is held; each of them is recorded. The intervals below
+    count decisions."""
+    reward_scale: Positive
+    """What the rewards, summed over a decision, are multiplied by for the learner alone. It learns fast if returns are
+    some tens at most: the value network starts at zero, and beyond an error of 1 its loss pulls no harder."""
+    learning_rate: Positive
+    batch_size: Count
+    """Decisions per gradient step."""
+    buffer_size: Count
+    """Decisions kept for replay."""
+    learning_starts: Annotated[int, Field(ge=0)]
+    """Decisions, over all copies, before the first gradient step."""
+    discount: Share
+    """Of the return that follows a decision."""
+    return_steps: Count
+    """Decisions whose rewards a target sums before it asks the value network for the rest (n-step returns)."""
+    target_update_interval: Count
+    """Decisions, over all copies, between two copies of the value network to the target network."""
+    train_every: Count
+    """Decisions of each environment between two rounds of training."""
+    gradient_steps: Count
+    """Gradient steps in a round of training."""
+    exploration_share: Share
+    """Share of the segment over which epsilon falls from 1 to its final value."""
+    exploration_final: Share
+    """Final epsilon."""
+    exploration_hold_steps: Annotated[float, Field(ge=1.0)]
+    """Mean number of decisions for which a random action is held (geometric)."""
+    hidden: tuple[Count, ...]
+    """Widths of the value network's hidden layers."""
+
+
+class RandomBehaviour(Section):
+    """Actions drawn uniformly, each held for a random number of steps."""
+
+    kind: Literal["random"]
+    mean_hold_steps: Annotated[float, Field(ge=1.0)]
+    """Mean number of steps for which an action is held (geometric); 1 draws a new one every step."""
+
+
+class ConstantBehaviour(Section):
+    """The same action at every step."""
+
+    kind: Literal["constant"]
+    action: Action
+    """The action: its number if discrete, else its components in the environment's units."""
+
+
+class GreedyBehaviour(Section):
+    """The policy that an earlier `dqn` segment ended with, with its frame skip and a share of random actions."""
+
+    kind: Literal["greedy"]
+    segment: str
+    """Name of the earlier segment."""
+    epsilon: Share
+    """Share of decisions drawn uniformly."""
+
+
+Behaviour = Annotated[DqnBehaviour | RandomBehaviour | ConstantBehaviour | GreedyBehaviour, Field(discriminator="kind")]
+
+
+class SegmentParams(Section):
+    """One part of a recording plan: who acts, where, for how long."""
+
+    name: Annotated[str, Field(pattern=r"^[a-z0-9_]+$")]
+    behaviour: Behaviour
+    environment: EnvironmentParams
+    environments: Count
+    """Copies of the environment that run side by side."""
+    transitions: Count
+    """Transitions to record, over all copies; a multiple of their number."""
+    seed: Seed
+    """Copy i is first reset with this seed plus i."""
+
+    @model_validator(mode="after")
+    def _copies_share_equally(self) -> SegmentParams:
+        if self.transitions % self.environments:
+            message = f"{self.transitions} transitions cannot be shared equally by {self.environments} environments"
+            raise ValueError(message)
+        return self
+
+
+class RecordParams(Section):
+    """The recording plan."""
+
+    shard_transitions: Count
+    """A log file is closed at the end of the episode in which it reaches this many transitions."""
+    segments: Annotated[tuple[SegmentParams, ...], Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _segments_fit(self) -> RecordParams:
+        learners: set[str] = set()
+        names: set[str] = set()
+        for segment in self.segments:
+            if segment.name in names:
+                message = f"two segments are called '{segment.name}'"
+                raise ValueError(message)
+            behaviour = segment.behaviour
+            if isinstance(behaviour, GreedyBehaviour) and behaviour.segment not in learners:
+                message = f"segment '{segment.name}' follows '{behaviour.segment}', which is no earlier dqn segment"
+                raise ValueError(message)
+            names.add(segment.name)
+            if isinstance(behaviour, DqnBehaviour):
+                learners.add(segment.name)
+        return self

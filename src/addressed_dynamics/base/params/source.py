@@ -1,0 +1,121 @@
+"""The section `source`: logs and tables that somebody else recorded, and which of their fields make a transition."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from addressed_dynamics.base.params.sections import Positive, Section
+
+Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
+"""Name of a dimension, as a log can hold it."""
+Text = Annotated[str, Field(min_length=1)]
+
+
+class FieldParams(Section):
+    """One dimension, or several if the field is a slice: `joint` of `position[0:6]` becomes `joint_0` … `joint_5`."""
+
+    field: Text
+    """`/topic.field.sub[0]` in an MCAP log, the name of a column in a table; `[0:6]` takes six elements of an array."""
+    unit: str = ""
+    low: float | None = None
+    """Lowest possible value; null if unbounded."""
+    high: float | None = None
+    """Highest possible value; null if unbounded."""
+
+
+class DiscreteParams(Section):
+    """Actions that are numbers, from 0, or one of some names."""
+
+    field: Text
+    names: Annotated[tuple[Text, ...], Field(min_length=1)]
+    """One name for each action, in the order of their numbers."""
+
+
+class ActionParams(Section):
+    """The action: either a vector or one of finitely many."""
+
+    continuous: Annotated[dict[Name, FieldParams], Field(min_length=1)] | None = None
+    discrete: DiscreteParams | None = None
+
+    @model_validator(mode="after")
+    def _is_of_one_kind(self) -> ActionParams:
+        if (self.continuous is None) == (self.discrete is None):
+            message = "an action is either continuous or discrete; give one of the two keys"
+            raise ValueError(message)
+        return self
+
+
+class EpisodePerFile(Section):
+    """A file is an episode."""
+
+    by: Literal["file"]
+
+
+class EpisodeByGap(Section):
+    """An episode ends where an observed topic is silent for long."""
+
+    by: Literal["gap"]
+    seconds: Positive
+    """A silence that is longer ends the episode."""
+
+
+class EpisodeByTopic(Section):
+    """An episode ends where a field changes its value."""
+
+    by: Literal["topic"]
+    field: Text
+    """A number or a text; however old, its newest value holds."""
+
+
+class EpisodeByColumn(Section):
+    """An episode is what has the same value in a column; its rows stand together."""
+
+    by: Literal["column"]
+    column: Text
+
+
+class _Source(Section):
+    observation: Annotated[dict[Name, FieldParams], Field(min_length=1)]
+    """The dimensions of an observation, in order."""
+    action: ActionParams
+    reward: str | None
+    """Field of the reward; null if there is none, which makes it 0."""
+    rate_hz: Positive
+    """Steps in a second."""
+    min_length: Annotated[int, Field(ge=2)]
+    """Episodes with fewer samples are dropped; K samples make K - 1 transitions."""
+
+
+class McapSource(_Source):
+    """Topics of MCAP logs, brought to one clock."""
+
+    kind: Literal["mcap"]
+    files: Annotated[tuple[Text, ...], Field(min_length=1)]
+    """Patterns of file names, relative to the folder that the stage runs in."""
+    tolerance_s: Positive
+    """At a tick of the clock the newest value of a topic holds if it is not older than this, in seconds."""
+    time: Literal["log", "publish"] = "log"
+    """Which time of a message counts."""
+    episode: Annotated[EpisodePerFile | EpisodeByGap | EpisodeByTopic, Field(discriminator="by")]
+
+
+class TableSource(_Source):
+    """Tables with a row per step."""
+
+    kind: Literal["csv", "parquet"]
+    files: Annotated[tuple[Text, ...], Field(min_length=1)]
+    """Patterns of file names, relative to the folder that the stage runs in."""
+    episode: Annotated[EpisodePerFile | EpisodeByColumn, Field(discriminator="by")]
+
+
+class MinariSource(_Source):
+    """A Minari dataset, whose columns are `observations`, `actions` and `rewards`; it knows its episodes."""
+
+    kind: Literal["minari"]
+    dataset: Text
+    """Identifier of a dataset on this machine, or its folder."""
+
+
+SourceParams = Annotated[McapSource | TableSource | MinariSource, Field(discriminator="kind")]

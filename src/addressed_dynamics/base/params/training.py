@@ -1,0 +1,128 @@
+"""The sections of a params file that say how networks are trained."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, Field, model_validator
+
+from addressed_dynamics.base.params.sections import Count, Dropout, OptimiserParams, Section, Seed, Share
+
+
+class EnsembleParams(Section):
+    """Phase 1: Algorithm 1 and the subnetworks."""
+
+    seeds: Annotated[tuple[Seed, ...], Field(min_length=1)]
+    """One ensemble is trained from each seed; the first is the one that is delivered."""
+    members: Count
+    """Number of subnetworks, n in the paper."""
+    hidden: tuple[Count, ...]
+    """Widths of the hidden layers."""
+    activation: Literal["relu", "tanh", "elu"]
+    loss: Literal["mse", "mae", "mae+mse"]
+    optimiser: OptimiserParams
+    batch_size: Count
+    """Samples per member and update."""
+    dropout: Dropout = 0.0
+    """Share of every layer's inputs that are set to 0 in an update."""
+    epochs: Count
+    cluster_epochs: Count
+    """Bins are made anew in the first so many epochs and kept after that; as many as `epochs` is the paper's way."""
+    restart: bool = False
+    """Whether the networks start again, untrained, when the bins are kept: they then see nothing but their own bins."""
+    processes: Count
+    """Seeds that are trained at the same time, each in a process with one thread."""
+
+    @model_validator(mode="after")
+    def _restarts_before_the_end(self) -> EnsembleParams:
+        if self.restart and self.cluster_epochs >= self.epochs:
+            message = (
+                f"with restart, cluster_epochs should be below epochs, or nothing is trained after it, but they are "
+                f"{self.cluster_epochs} and {self.epochs}"
+            )
+            raise ValueError(message)
+        return self
+
+
+class AddressingTraining(Section):
+    """How an addressing network is made and trained."""
+
+    hidden: tuple[Count, ...]
+    """Widths of the hidden layers; of the trunk's layers, if there are `heads`."""
+    heads: tuple[Count, ...]
+    """Widths of the hidden layers of one head for each member; empty: one output layer for all."""
+    activation: Literal["relu", "tanh", "elu"]
+    optimiser: OptimiserParams
+    batch_size: Count
+    dropout: Dropout = 0.0
+    """Share of every layer's inputs that are set to 0 in an update."""
+    epochs: Count
+    tie_share: Share
+    """Share of the weight that `cost_sensitive` spreads evenly, so that near ties are decided too; 1 makes it plain."""
+
+
+class AddressingParams(AddressingTraining):
+    """Phase 2: the addressing network."""
+
+    variants: Annotated[tuple[Literal["plain", "cost_sensitive"], ...], Field(min_length=1)]
+    """Which ones to train: `plain` is the paper's; `cost_sensitive` weighs a sample by what a wrong choice costs."""
+    deliver: Literal["best", "plain", "cost_sensitive"]
+    """Which one becomes part of the model: a variant, or the one with the lowest regret on validation episodes."""
+    processes: Count
+    """Networks that are trained at the same time, each in a process with one thread."""
+
+    @model_validator(mode="after")
+    def _delivers_what_is_trained(self) -> AddressingParams:
+        if self.deliver != "best" and self.deliver not in self.variants:
+            message = f"deliver is '{self.deliver}', which is not among the variants"
+            raise ValueError(message)
+        return self
+
+
+class SingleNetwork(Section):
+    """One plain network; what is not here is as for the ensemble."""
+
+    hidden: tuple[Count, ...]
+    """Widths of the hidden layers."""
+    activation: Literal["relu", "tanh", "elu"]
+    batch_size: Count
+    """Samples per update."""
+
+
+def _is_free(name: str) -> str:
+    if name in {"total_parameters", "unequal_bins", "random_bins", "pair", "ensemble"}:
+        message = f"'{name}' has a meaning already; give the network another name"
+        raise ValueError(message)
+    return name
+
+
+BaselineName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$"), AfterValidator(_is_free)]
+"""Name of a single network: it becomes a folder, and a title in figures."""
+
+
+class BaselinesParams(Section):
+    """What the ensemble is compared with; same data, same number of updates."""
+
+    train: tuple[Literal["total_parameters", "unequal_bins", "random_bins", "other_recipe"], ...]
+    """`total_parameters`: one network with as many parameters as the ensemble; `unequal_bins`: each sample to its best
+    member; `random_bins`: fixed random bins; `other_recipe`: the ensemble with the paper's recipe, or, if that is the
+    one chosen, with the default."""
+    single_networks: dict[BaselineName, SingleNetwork]
+    """More single networks, under names of their own; all of them are trained."""
+    pair_epochs: Annotated[int, Field(ge=0)]
+    """Epochs of an ensemble of two that is trained for a figure alone (the paper's Fig. 2), from the first seed; 0: no
+    such ensemble."""
+    seeds: Annotated[tuple[Seed, ...], Field(min_length=1)]
+    """One of each is trained from each seed."""
+    addressing: AddressingTraining
+    """The addressing networks of `unequal_bins`, `random_bins` and `other_recipe`, trained on plain argmin targets."""
+    processes: Count
+    """Networks that are trained at the same time, each in a process with one thread."""
+
+
+class RecipeChanges(Section):
+    """What another recipe changes: some keys of some sections, which it takes the place of."""
+
+    features: dict[str, Any] = Field(default_factory=dict)
+    ensemble: dict[str, Any] = Field(default_factory=dict)
+    addressing: dict[str, Any] = Field(default_factory=dict)

@@ -1,0 +1,23 @@
+"""Transitions as Parquet tables: writing and reading them, splits, statistics and a short report on the data."""
+
+from addressed_dynamics.episodes.parquet import (
+    TransitionTable,
+    load_transitions,
+    read_table,
+    table_files,
+    table_writer,
+    write_table,
+)
+from addressed_dynamics.episodes.splits import SPLITS, Split, assign_splits
+
+__all__ = [
+    "SPLITS",
+    "Split",
+    "TransitionTable",
+    "assign_splits",
+    "load_transitions",
+    "read_table",
+    "table_files",
+    "table_writer",
+    "write_table",
+]

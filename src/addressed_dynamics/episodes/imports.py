@@ -1,0 +1,36 @@
+"""What the import of foreign logs counted: read, dropped, resampled, late, by file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from addressed_dynamics.base.errors import TableError
+
+
+class ImportRecord(BaseModel):
+    """The file import.json that the import leaves beside the logs it writes; what else is in it is for people."""
+
+    model_config = ConfigDict(frozen=True, extra="allow")
+
+    files: dict[str, dict[str, int]]
+    """Counts by file that was imported, each with a name such as `dropped`."""
+    totals: dict[str, int]
+    """The same over all files."""
+
+
+def read_import_record(path: Path) -> ImportRecord | None:
+    """Read the record at `path`; None if there is none, because the logs were recorded and not imported.
+
+    Raises:
+        TableError: the file cannot be read or has another form.
+    """
+    if not path.exists():
+        return None
+    try:
+        return ImportRecord.model_validate_json(path.read_bytes())
+    except (OSError, ValidationError) as error:
+        reason = str(error) if isinstance(error, OSError) else error.errors(include_url=False)[0]["msg"]
+        message = f"{path}: expected the counts of an import by file, found something else ({reason}); import again"
+        raise TableError(message) from error

@@ -1,0 +1,145 @@
+"""A short report on recorded data: how long, how rewarding, how varied, and how well the learner did."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from addressed_dynamics.base.files import write_text
+from addressed_dynamics.episodes.coverage import Occupancy
+from addressed_dynamics.episodes.index import Episode
+from addressed_dynamics.episodes.splits import SPLITS
+from addressed_dynamics.episodes.transitions import Dimension, SpaceSpec
+
+RECENT_EPISODES = 100
+"""Number of last episodes by which a segment's success is judged."""
+BLOCKS = 10
+"""Number of equal blocks of episodes in which a segment's returns are averaged, to show learning."""
+
+
+def data_report(
+    spec: SpaceSpec,
+    episodes: Sequence[Episode],
+    behaviours: Mapping[str, str],
+    *,
+    ranges: Sequence[tuple[float, float]],
+    occupancy: Occupancy,
+    duplicates: int,
+) -> dict[str, Any]:
+    """Return the report as JSON-compatible values.
+
+    Args:
+        spec: what the numbers mean.
+        episodes: all episodes of the recording; at least one.
+        behaviours: who acted, by segment.
+        ranges: lowest and highest value of each dimension of the observation.
+        occupancy: which cells of the state space hold data.
+        duplicates: number of rows whose observation and action are exactly those of an earlier row.
+    """
+    transitions = sum(episode.length for episode in episodes)
+    return {
+        "transitions": transitions,
+        "episodes": _episode_figures(episodes),
+        "splits": split_sizes(episodes),
+        "segments": {
+            name: {"behaviour": behaviour, **_segment_figures([each for each in episodes if each.segment == name])}
+            for name, behaviour in behaviours.items()
+        },
+        "ranges": {
+            dimension.name: {"min": low, "max": high, **_bounds(dimension), "unit": dimension.unit}
+            for dimension, (low, high) in zip(spec.observation, ranges, strict=True)
+        },
+        "coverage": _coverage_figures(spec, occupancy),
+        "duplicates": {"rows": duplicates, "share": duplicates / transitions},
+    }
+
+
+def split_sizes(episodes: Sequence[Episode]) -> dict[str, dict[str, int]]:
+    """Return the number of episodes and of transitions in each split."""
+    sizes: dict[str, dict[str, int]] = {}
+    for split in SPLITS:
+        lengths = [episode.length for episode in episodes if episode.split == split]
+        sizes[split] = {"episodes": len(lengths), "transitions": sum(lengths)}
+    return sizes
+
+
+def write_learner_curve(path: Path, episodes: Sequence[Episode], *, step_seconds: float) -> None:
+    """Write one CSV row for each finished episode, in the order of their ends (simulated time, all copies)."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["index", "segment", "end_step", "return", "length", "goal_reached"])
+    for index, episode in enumerate(_finished(episodes)):
+        # The clock of a log counts the steps of one copy of the environment.
+        end_step = round(episode.end_time_ns / 1e9 / step_seconds)
+        goal_reached = int(episode.ended == "terminated")
+        writer.writerow([index, episode.segment, end_step, episode.total_reward, episode.length, goal_reached])
+    write_text(path, text.getvalue())
+
+
+def _finished(episodes: Sequence[Episode]) -> list[Episode]:
+    """Leave out the episodes that the recording cut off, whose returns mean little, and sort the rest by their ends.
+
+    Copies of an environment run side by side, so simulated time puts the episodes of all of them in order.
+    """
+    finished = [episode for episode in episodes if episode.ended != "cut"]
+    return sorted(finished, key=lambda episode: (episode.end_time_ns, episode.episode))
+
+
+def _episode_figures(episodes: Sequence[Episode]) -> dict[str, Any]:
+    ended = Counter(episode.ended for episode in episodes)
+    finished = _finished(episodes)
+    return {
+        "count": len(episodes),
+        "length": _spread([episode.length for episode in finished]),
+        "return": _spread([episode.total_reward for episode in finished]),
+        "ended": {how: ended[how] for how in ("terminated", "truncated", "cut")},
+    }
+
+
+def _segment_figures(episodes: Sequence[Episode]) -> dict[str, Any]:
+    finished = _finished(episodes)
+    recent = finished[-RECENT_EPISODES:]
+    blocks = [block for block in np.array_split([episode.total_reward for episode in finished], BLOCKS) if len(block)]
+    return {
+        **_episode_figures(episodes),
+        "transitions": sum(episode.length for episode in episodes),
+        "goal_share_last_100": _share_at_goal(recent),
+        "mean_return_by_block": [float(block.mean()) for block in blocks],
+    }
+
+
+def _share_at_goal(episodes: Sequence[Episode]) -> float | None:
+    return sum(episode.ended == "terminated" for episode in episodes) / len(episodes) if episodes else None
+
+
+def _spread(values: Sequence[float]) -> dict[str, float] | None:
+    if not values:
+        return None
+    return {
+        "mean": float(np.mean(values)),
+        "median": float(np.median(values)),
+        "min": float(np.min(values)),
+        "max": float(np.max(values)),
+    }
+
+
+def _bounds(dimension: Dimension) -> dict[str, float | None]:
+    return {
+        "low": dimension.low if np.isfinite(dimension.low) else None,
+        "high": dimension.high if np.isfinite(dimension.high) else None,
+    }
+
+
+def _coverage_figures(spec: SpaceSpec, occupancy: Occupancy) -> dict[str, Any]:
+    shares = occupancy.per_dimension.mean(axis=1)
+    return {
+        "cells_per_dimension": occupancy.per_dimension.shape[1],
+        "per_dimension": dict(zip(spec.observation_names, map(float, shares), strict=True)),
+        "plane": None if occupancy.grid is None else float(occupancy.grid.mean()),
+    }

@@ -1,0 +1,254 @@
+"""THE CONTRACT: what a log of an agent is (`Transitions`), and what its dimensions mean (`SpaceSpec`).
+
+Every source of data ends in these types and everything after them begins there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float32, Int, Int32, Int64
+
+from addressed_dynamics.base.errors import TransitionsError
+
+
+@dataclass(frozen=True)
+class Dimension:
+    """One component of an observation or of a continuous action."""
+
+    name: str
+    """A protobuf-safe name, unique in its space: letters, digits and underscores, for instance `position`."""
+    unit: str
+    """The unit as text, for instance `rad/s`; empty if it has none."""
+    low: float
+    """Lowest possible value, in the unit above; minus infinity if unbounded."""
+    high: float
+    """Highest possible value, in the unit above; infinity if unbounded."""
+
+
+@dataclass(frozen=True)
+class DiscreteAction:
+    """A finite set of actions, numbered from 0."""
+
+    names: tuple[str, ...]
+    """One name for each action, for instance `push_left`."""
+
+    @property
+    def count(self) -> int:
+        """Number of actions."""
+        return len(self.names)
+
+
+@dataclass(frozen=True)
+class ContinuousAction:
+    """A vector of real numbers."""
+
+    dimensions: tuple[Dimension, ...]
+    """What each component means."""
+
+
+@dataclass(frozen=True)
+class SpaceSpec:
+    """What the numbers in a log mean: the names, units and bounds of observations and actions, and the clock."""
+
+    observation: tuple[Dimension, ...]
+    """The dimensions of an observation, in order."""
+    action: DiscreteAction | ContinuousAction
+    """The kind of action and what it consists of."""
+    step_seconds: float
+    """Simulated time between two steps, in seconds."""
+
+    @property
+    def observation_names(self) -> tuple[str, ...]:
+        """Names of the observation's dimensions, in order."""
+        return tuple(dimension.name for dimension in self.observation)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the spec as JSON-compatible values; infinite bounds become null."""
+        action: dict[str, Any]
+        if isinstance(self.action, DiscreteAction):
+            action = {"kind": "discrete", "names": list(self.action.names)}
+        else:
+            action = {"kind": "continuous", "dimensions": [_dimension_to_json(d) for d in self.action.dimensions]}
+        return {
+            "observation": [_dimension_to_json(dimension) for dimension in self.observation],
+            "action": action,
+            "step_seconds": self.step_seconds,
+        }
+
+    @staticmethod
+    def from_json(value: Any) -> SpaceSpec:
+        """Read what `to_json` wrote.
+
+        Raises:
+            TransitionsError: `value` does not have that form.
+        """
+        try:
+            action = value["action"]
+            return SpaceSpec(
+                observation=tuple(_dimension_from_json(dimension) for dimension in value["observation"]),
+                action=(
+                    DiscreteAction(tuple(str(name) for name in action["names"]))
+                    if action["kind"] == "discrete"
+                    else ContinuousAction(tuple(_dimension_from_json(d) for d in action["dimensions"]))
+                ),
+                step_seconds=float(value["step_seconds"]),
+            )
+        except (KeyError, TypeError, ValueError) as error:
+            message = f"a description of spaces is incomplete or malformed ({type(error).__name__}: {error})"
+            raise TransitionsError(message) from error
+
+
+@dataclass(frozen=True)
+class Transitions:
+    """Logged transitions in episode order; row t is one step of an environment. Validated on construction."""
+
+    spec: SpaceSpec
+    """Names, units and bounds of everything below."""
+    episode: Int64[np.ndarray, " step"]
+    """Identifier of the episode, unique in a recording; the rows of an episode are contiguous."""
+    step: Int32[np.ndarray, " step"]
+    """Number of the step in its episode, from 0 (later if the log begins inside an episode), without gaps."""
+    time_ns: Int64[np.ndarray, " step"]
+    """Simulated time of the step, in nanoseconds."""
+    observation: Float32[np.ndarray, "step observation"]
+    """State before the action, in the environment's own units."""
+    action: Int64[np.ndarray, " step"] | Float32[np.ndarray, "step action"]
+    """The action taken: its number if discrete, else a vector in the environment's own units."""
+    reward: Float32[np.ndarray, " step"]
+    """The environment's reward for the step."""
+    next_observation: Float32[np.ndarray, "step observation"]
+    """State after the action, in the environment's own units; row t equals observation[t + 1] inside an episode."""
+    terminated: Bool[np.ndarray, " step"]
+    """The step ended the episode for a reason inside the task, such as reaching the goal."""
+    truncated: Bool[np.ndarray, " step"]
+    """The step ended the episode for a reason outside the task, such as a time limit or the end of the recording."""
+
+    def __post_init__(self) -> None:
+        _check_columns(self)
+        _check_episodes(self)
+
+    def __len__(self) -> int:
+        return len(self.episode)
+
+    def select(self, rows: slice | Bool[np.ndarray, " step"] | Int[np.ndarray, " row"]) -> Transitions:
+        """Return the transitions at `rows`, which must keep whole stretches of episodes together.
+
+        Raises:
+            TransitionsError: the rows left in an episode are not consecutive steps.
+        """
+        columns = {name: getattr(self, name)[rows] for name in COLUMNS}
+        return Transitions(spec=self.spec, **columns)
+
+    def episode_slices(self) -> Iterator[slice]:
+        """Yield the rows of each episode, in order."""
+        inner = np.flatnonzero(self.episode[1:] != self.episode[:-1]) + 1
+        starts = np.concatenate([[0], inner]) if len(self) else inner
+        stops = np.concatenate([inner, [len(self)]]) if len(self) else inner
+        for start, stop in zip(starts, stops, strict=True):
+            yield slice(int(start), int(stop))
+
+    @staticmethod
+    def concatenate(parts: Sequence[Transitions]) -> Transitions:
+        """Join transitions of the same spaces, in the given order.
+
+        Raises:
+            TransitionsError: there are no parts, their spaces differ, or an episode occurs in two of them (unless the
+                second part begins with the step that follows the end of the first).
+        """
+        if not parts:
+            message = "there are no transitions to join: the list of parts is empty"
+            raise TransitionsError(message)
+        spec = parts[0].spec
+        if any(part.spec != spec for part in parts):
+            message = "the parts come from environments with different spaces; keep one environment per experiment"
+            raise TransitionsError(message)
+        columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in COLUMNS}
+        return Transitions(spec=spec, **columns)
+
+
+COLUMNS = tuple(field.name for field in fields(Transitions) if field.name != "spec")
+"""Names of the columns of `Transitions`, in order."""
+
+
+def _check_columns(transitions: Transitions) -> None:
+    length, width = len(transitions.episode), len(transitions.spec.observation)
+    action_spec = transitions.spec.action
+    expected: dict[str, tuple[type, tuple[int, ...]]] = {
+        "episode": (np.int64, (length,)),
+        "step": (np.int32, (length,)),
+        "time_ns": (np.int64, (length,)),
+        "observation": (np.float32, (length, width)),
+        "action": (
+            (np.int64, (length,))
+            if isinstance(action_spec, DiscreteAction)
+            else (np.float32, (length, len(action_spec.dimensions)))
+        ),
+        "reward": (np.float32, (length,)),
+        "next_observation": (np.float32, (length, width)),
+        "terminated": (np.bool_, (length,)),
+        "truncated": (np.bool_, (length,)),
+    }
+    for name, (dtype, shape) in expected.items():
+        column = getattr(transitions, name)
+        if column.dtype != dtype or column.shape != shape:
+            message = (
+                f"column '{name}' should be {np.dtype(dtype).name} of shape {shape}, "
+                f"but is {column.dtype.name} of shape {column.shape}"
+            )
+            raise TransitionsError(message)
+        if column.dtype == np.float32 and not np.isfinite(column).all():
+            row = int(np.flatnonzero(~np.isfinite(column).reshape(length, -1).all(axis=1))[0])
+            message = f"column '{name}' has a value that is not finite in row {row}: {column[row].tolist()}"
+            raise TransitionsError(message)
+    if isinstance(action_spec, DiscreteAction) and length:
+        lowest, highest = int(transitions.action.min()), int(transitions.action.max())
+        if lowest < 0 or highest >= action_spec.count:
+            message = f"actions should lie in 0..{action_spec.count - 1}, but lie in {lowest}..{highest}"
+            raise TransitionsError(message)
+
+
+def _check_episodes(transitions: Transitions) -> None:
+    if not len(transitions):
+        return
+    episode, step = transitions.episode, transitions.step
+    same = episode[1:] == episode[:-1]
+    _refuse_first(transitions, same & (np.diff(step) != 1), "is not followed by the next step of its episode")
+    jump = same & (transitions.next_observation[:-1] != transitions.observation[1:]).any(axis=1)
+    _refuse_first(transitions, jump, "has a next_observation that is not the observation of the step after it")
+    ends = transitions.terminated | transitions.truncated
+    _refuse_first(transitions, same & ends[:-1], "ends its episode, but more steps of the episode follow")
+    starts = np.append(True, ~same)
+    values, counts = np.unique(episode[starts], return_counts=True)
+    if (counts > 1).any():
+        message = f"the rows of episode {values[counts > 1][0]} are not contiguous, or two recordings share the number"
+        raise TransitionsError(message)
+
+
+def _refuse_first(transitions: Transitions, broken: Bool[np.ndarray, " step"], what: str) -> None:
+    if broken.any():
+        row = int(np.flatnonzero(broken)[0])
+        message = f"row {row} (episode {transitions.episode[row]}, step {transitions.step[row]}) {what}"
+        raise TransitionsError(message)
+
+
+def _dimension_to_json(dimension: Dimension) -> dict[str, Any]:
+    return {
+        "name": dimension.name,
+        "unit": dimension.unit,
+        "low": float(dimension.low) if np.isfinite(dimension.low) else None,
+        "high": float(dimension.high) if np.isfinite(dimension.high) else None,
+    }
+
+
+def _dimension_from_json(value: Any) -> Dimension:
+    low, high = value["low"], value["high"]
+    return Dimension(
+        name=str(value["name"]),
+        unit=str(value["unit"]),
+        low=-np.inf if low is None else float(low),
+        high=np.inf if high is None else float(high),
+    )

@@ -1,0 +1,175 @@
+"""All that is compared: the ensemble of every seed in every addressing mode, its references, and the baselines."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from addressed_dynamics.base.errors import ModelError
+from addressed_dynamics.base.params.training import AddressingTraining, EnsembleParams
+from addressed_dynamics.evaluation.transitions.one_step import Predictor
+from addressed_dynamics.features.transitions.spec import FeatureSpec
+from addressed_dynamics.networks.files import SavedNetwork, load_network, read_index
+from addressed_dynamics.networks.stacked import StackedMLP
+from addressed_dynamics.simulators.addressed import MODES, AddressedDynamics, Mode
+from addressed_dynamics.training.baselines import OTHER_RECIPE
+
+MEAN = "ensemble/mean"
+"""Name of the candidate that averages the members."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One thing to evaluate."""
+
+    name: str
+    """Unique, for instance `ensemble/argmax` or `wide/seed-0`."""
+    label: str
+    """What a reader should see."""
+    parameters: int
+    """Parameters of the subnetworks and of the addressing network, if it is used."""
+    predictor: Predictor
+    """One step ahead."""
+    model: AddressedDynamics | None
+    """For rollouts; None if it needs the truth."""
+    mode: Mode
+    """Addressing mode of its rollouts."""
+
+
+def ensemble_candidates(models: dict[int, dict[str, AddressedDynamics]], delivered: dict[int, str]) -> list[Candidate]:
+    """Return the first seed's ensemble in every mode and with every addressing network, its mean, and all other seeds.
+
+    Args:
+        models: for every seed, the ensemble with each variant of the addressing network.
+        delivered: for every seed, the variant that is delivered.
+    """
+    first, *others = models
+    best = models[first][delivered[first]]
+    candidates = [_addressed(f"ensemble/{mode}", f"ensemble, {mode} addressing", best, mode) for mode in MODES]
+    for variant, model in models[first].items():
+        if variant != delivered[first]:
+            label = f"ensemble, argmax, {variant.replace('_', '-')} addressing"
+            candidates.append(_addressed(f"ensemble/argmax/{variant}", label, model, "argmax"))
+    candidates.append(
+        Candidate(
+            MEAN,
+            "ensemble, mean of the members",
+            best.ensemble.parameters_total,
+            lambda observation, action: best.decode(best.member_outputs(observation, action).mean(dim=0), observation),
+            None,
+            "argmax",
+        )
+    )
+    for seed in others:
+        model = models[seed][delivered[seed]]
+        candidates.append(_addressed(f"ensemble/argmax/seed-{seed}", f"ensemble, argmax, seed {seed}", model, "argmax"))
+    return candidates
+
+
+BASELINE_LABELS = {
+    "total_parameters": "one network, as many parameters",
+    "unequal_bins": "ensemble without equal bins",
+    "random_bins": "ensemble with random bins",
+    "paper_recipe": "ensemble, the paper's recipe",
+    "default_recipe": "ensemble, the default recipe",
+}
+"""What a reader should see for each baseline; other single networks say what they are."""
+
+
+def baseline_label(name: str, stack: StackedMLP) -> str:
+    """Return what a reader should see for a baseline, for instance `one network, relu 512 × 512 × 512`."""
+    hidden = " × ".join(map(str, stack.widths[1:-1]))
+    return BASELINE_LABELS.get(name, f"one network, {stack.activation} {hidden}" if hidden else "one linear map")
+
+
+def baseline_candidates(folder: Path) -> list[Candidate]:
+    """Load the baselines that were trained.
+
+    Raises:
+        ModelError: a file is missing or damaged.
+    """
+    candidates = []
+    for key in read_index(folder, "baselines.json")["trained"]:
+        name, seed = key.split("/seed-")
+        network, model = _load_baseline(folder / key)
+        candidates.append(_addressed(key, f"{baseline_label(name, network.stack)}, seed {seed}", model, "argmax"))
+    return candidates
+
+
+@dataclass(frozen=True)
+class OtherRecipe:
+    """The ensemble with the recipe that was not chosen."""
+
+    name: str
+    """Name of the baseline: `paper_recipe` or `default_recipe`."""
+    model: AddressedDynamics
+    """The ensemble with its addressing network."""
+    ensemble: EnsembleParams
+    """How the ensemble was trained."""
+    addressing: AddressingTraining
+    """How the addressing network was trained."""
+
+
+def load_other_recipe(folder: Path) -> OtherRecipe | None:
+    """Load the ensemble with the recipe that was not chosen; None if it was not trained.
+
+    Raises:
+        ModelError: a file is missing or damaged.
+    """
+    for key in read_index(folder, "baselines.json")["trained"]:
+        name = key.partition("/seed-")[0]
+        if name in OTHER_RECIPE.values():
+            network, model = _load_baseline(folder / key)
+            try:
+                ensemble = EnsembleParams.model_validate(network.notes["params"]["ensemble"], strict=False)
+                addressing = AddressingTraining.model_validate(network.notes["params"]["addressing"], strict=False)
+            except (KeyError, TypeError, ValueError) as error:
+                config = folder / key / "network" / "config.json"
+                message = f"{config}: its notes should have the recipe under 'params'; run train_baselines again"
+                raise ModelError(message) from error
+            return OtherRecipe(name, model, ensemble, addressing)
+    return None
+
+
+def load_pair(folder: Path) -> tuple[StackedMLP, int] | None:
+    """Load the ensemble of two that a figure shows, with the seed it was trained from; None if there is none.
+
+    Raises:
+        ModelError: a file is missing or damaged.
+    """
+    keys = read_index(folder, "baselines.json")["pair"]
+    return (load_network(folder / keys[0] / "network").stack, int(keys[0].split("/seed-")[1])) if keys else None
+
+
+def load_ensembles(folder: Path) -> tuple[dict[int, dict[str, AddressedDynamics]], dict[int, str]]:
+    """Load every seed's ensemble with each addressing network, and say which one is delivered.
+
+    Raises:
+        ModelError: a file is missing or damaged.
+    """
+    index = read_index(folder / "addressing", "addressing.json")
+    delivered = {int(seed): variant for seed, variant in index["delivered"].items()}
+    models = {
+        seed: {variant: AddressedDynamics.load(folder, seed=seed, variant=variant) for variant in index["variants"]}
+        for seed in delivered
+    }
+    return models, delivered
+
+
+def _load_baseline(folder: Path) -> tuple[SavedNetwork[FeatureSpec], AddressedDynamics]:
+    network = load_network(folder / "network")
+    addressing = None if network.stack.members == 1 else load_network(folder / "addressing").stack
+    return network, AddressedDynamics(network.features, network.stack, addressing)
+
+
+def _addressed(name: str, label: str, model: AddressedDynamics, mode: Mode) -> Candidate:
+    addressing = 0 if model.addressing is None else model.addressing.parameters_total
+    parameters = model.ensemble.parameters_total + addressing
+
+    def predict(observation: Tensor, action: Tensor) -> Tensor:
+        return model.predict(observation, action, mode, generator=torch.Generator().manual_seed(0))
+
+    return Candidate(name, label, parameters, predict, model, mode)

@@ -1,0 +1,143 @@
+"""Free-running rollouts: a model follows its own predictions from a true first state under the recorded actions."""
+
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float32, Float64
+
+from addressed_dynamics.base.params.experiments import EnvironmentRollouts, RecordedRollouts
+from addressed_dynamics.base.threads import single_thread
+from addressed_dynamics.episodes.transitions import Dimension, SpaceSpec
+from addressed_dynamics.evaluation.transitions.candidates import Candidate
+from addressed_dynamics.evaluation.transitions.physics import ANGLE_LIMIT, acrobot_course, check_recording, simulate
+from addressed_dynamics.evaluation.transitions.spreads import against_horizon, spread
+from addressed_dynamics.evaluation.transitions.truth import TrueRollouts
+from addressed_dynamics.simulators.addressed import AddressedDynamics, Mode
+
+LEFT_BOUNDS_TOLERANCE = 0.01
+"""A predicted state has left the bounds when it lies outside by more than this share of their range."""
+
+
+def free_run(model: AddressedDynamics, truth: TrueRollouts, mode: Mode) -> Float32[np.ndarray, "episode step state"]:
+    """Return the states that a model predicts from the true first states (its whole history) and the actions alone.
+
+    The same models give the same states, in the mode `sample` too.
+    """
+    history = truth.history_states.astype(np.float32)
+    generator = torch.Generator().manual_seed(0)
+    with single_thread():
+        if truth.history_states.shape[1] == 1:
+            return model.rollout(history[:, 0], truth.actions, mode, generator=generator)
+        actions = np.concatenate([truth.history_actions, truth.actions], axis=1)
+        return model.rollout(history, actions, mode, generator=generator)
+
+
+def evaluate_rollouts(
+    candidate: Candidate, truth: TrueRollouts, *, physics: bool
+) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """Return the rollout errors of one candidate, and rows of its error against the horizon.
+
+    Args:
+        candidate: the model that is rolled out.
+        truth: what really happened.
+        physics: whether the states are those of Acrobot and are to be judged by their angles and energy too.
+    """
+    if candidate.model is None:
+        message = f"candidate '{candidate.name}' cannot be rolled out"
+        raise ValueError(message)
+    _, predicted = rollout_errors(candidate.model, truth, candidate.mode)
+    return _measured(candidate.name, predicted, truth, candidate.model.features.spaces, physics=physics)
+
+
+def evaluate_simulations(
+    params: EnvironmentRollouts | RecordedRollouts, truth: TrueRollouts, spaces: SpaceSpec
+) -> tuple[dict[str, Any] | None, list[dict[str, Any]]]:
+    """Return what the true equations of motion make of the rollouts, and rows of this against the horizon.
+
+    None and no rows where the params file asks for no physics.
+
+    Raises:
+        EvaluationError: the recording does not follow these equations.
+    """
+    if not isinstance(params, RecordedRollouts) or params.physics is None:
+        return None, []
+    check_recording(truth, spaces)
+    results: dict[str, Any] = {}
+    rows: list[dict[str, Any]] = []
+    for simulation in simulate(truth, spaces.step_seconds, params.apart):
+        summary, more = _measured(simulation.name, simulation.states, simulation.reference, spaces, physics=True)
+        results[simulation.name] = {"label": simulation.label, **summary}
+        rows += more
+    record = {
+        "name": params.physics,
+        "step_seconds": spaces.step_seconds,
+        "angle_limit": ANGLE_LIMIT,
+        "apart": params.apart,
+        "simulations": results,
+    }
+    return record, rows
+
+
+def _measured(
+    name: str,
+    predicted: Float64[np.ndarray, "episode step observation"],
+    truth: TrueRollouts,
+    spaces: SpaceSpec,
+    *,
+    physics: bool,
+) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    squared = (predicted - truth.states[:, 1:]) ** 2
+    summary = summarise_rollouts(squared, predicted, truth, spaces.observation)
+    values = {dimension.name: squared[..., index] for index, dimension in enumerate(spaces.observation)}
+    if physics:
+        course = acrobot_course(predicted, truth.states)
+        for group, members in truth.groups.items():
+            summary["groups"][group]["physics"] = course.summary(members, spaces.step_seconds)
+        values |= course.values
+    return summary, [{"model": name, **row} for row in against_horizon(values, truth)]
+
+
+def rollout_errors(
+    model: AddressedDynamics, truth: TrueRollouts, mode: Mode
+) -> tuple[Float64[np.ndarray, "episode step observation"], Float64[np.ndarray, "episode step observation"]]:
+    """Return the squared errors of a model's open-loop rollouts, and the predicted states, in environment units."""
+    predicted = free_run(model, truth, mode).astype(np.float64)
+    # A diverged rollout must count as a large error, and JSON cannot hold what is not finite.
+    predicted = np.nan_to_num(predicted, nan=1e6, posinf=1e6, neginf=-1e6).clip(-1e6, 1e6)
+    return (predicted - truth.states[:, 1:]) ** 2, predicted
+
+
+def summarise_rollouts(
+    squared: Float64[np.ndarray, "episode step observation"],
+    predicted: Float64[np.ndarray, "episode step observation"],
+    truth: TrueRollouts,
+    dimensions: tuple[Dimension, ...],
+) -> dict[str, Any]:
+    """Return the mean squared error of whole rollouts per dimension, over each of `groups` of episodes.
+
+    `left_bounds_share` is the share of rollouts in which a predicted state leaves the bounds; None if there are none.
+    """
+    per_episode = squared.mean(axis=1)
+    groups = {
+        name: {
+            "episodes": int(members.sum()),
+            "mse": {
+                dimension.name: spread(per_episode[members, index]) if members.any() else None
+                for index, dimension in enumerate(dimensions)
+            },
+        }
+        for name, members in truth.groups.items()
+    }
+    return {"left_bounds_share": _left_bounds_share(predicted, dimensions), "groups": groups}
+
+
+def _left_bounds_share(
+    predicted: Float64[np.ndarray, "episode step observation"], dimensions: tuple[Dimension, ...]
+) -> float | None:
+    low, high = np.array([(dimension.low, dimension.high) for dimension in dimensions]).T
+    if not np.isfinite([low, high]).any():
+        return None
+    slack = LEFT_BOUNDS_TOLERANCE * np.where(np.isfinite(high - low), high - low, 0.0)
+    outside = ((predicted < low - slack) | (predicted > high + slack)).any(axis=(1, 2))
+    return float(outside.mean())

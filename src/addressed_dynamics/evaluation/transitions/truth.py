@@ -1,0 +1,204 @@
+"""What rollouts are held against: an environment that acts, or stretches of held-out episodes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import gymnasium
+import numpy as np
+from jaxtyping import Bool, Float32, Float64, Int64
+
+import addressed_dynamics.envs  # noqa: F401 - registers the environments that a params file may name
+from addressed_dynamics.base.errors import EvaluationError
+from addressed_dynamics.base.params.experiments import EnvironmentRollouts, RecordedRollouts
+from addressed_dynamics.episodes.transitions import Dimension, Transitions
+
+
+@dataclass(frozen=True)
+class TrueRollouts:
+    """What really happened."""
+
+    states: Float64[np.ndarray, "episode time observation"]
+    """States, the first before any action: T + 1 of them, in the environment's units."""
+    actions: Int64[np.ndarray, "episode step"] | Float32[np.ndarray, "episode step action"]
+    """The T actions of each episode: their numbers if discrete, else vectors in the environment's units."""
+    history_states: Float64[np.ndarray, "episode frame observation"]
+    """The H states that a model is given, oldest first; the last one is the first of `states`."""
+    history_actions: Int64[np.ndarray, "episode before"] | Float32[np.ndarray, "episode before action"]
+    """The H - 1 actions before the first of `actions`."""
+    groups: Mapping[str, Bool[np.ndarray, " episode"]]
+    """Which episodes belong to each group: `all` of them, and those of the groups that are told apart."""
+    too_short: Mapping[str, int] = field(default_factory=dict)
+    """Segments of the recording that no rollout is from, for want of a held-out episode that is long enough, each with
+    the steps of its longest; 0 if there is none."""
+
+    @property
+    def steps(self) -> int:
+        """Number of steps in each episode, T."""
+        return int(self.states.shape[1]) - 1
+
+    def select(self, episodes: Sequence[int]) -> TrueRollouts:
+        """Return some of the episodes, in this order."""
+        rows = list(episodes)
+        return TrueRollouts(
+            self.states[rows],
+            self.actions[rows],
+            self.history_states[rows],
+            self.history_actions[rows],
+            {name: members[rows] for name, members in self.groups.items()},
+            self.too_short,
+        )
+
+
+def true_rollouts(
+    params: EnvironmentRollouts | RecordedRollouts, test: Transitions, history: int, segments: Mapping[int, str]
+) -> TrueRollouts:
+    """Return the rollouts that a params file asks for.
+
+    Args:
+        params: where they come from, how many and how long.
+        test: held-out transitions; of an environment's rollouts, they say what the dimensions mean.
+        history: number of states that a model is given, H.
+        segments: for every recorded episode, the segment of the recording that it comes from.
+
+    Raises:
+        EvaluationError: the environment cannot be rolled out, or there is nothing recorded to replay.
+    """
+    if isinstance(params, RecordedRollouts):
+        return replay_recorded(params, test, history, segments)
+    return record_true_rollouts(params, test.spec.observation, history)
+
+
+def replay_recorded(
+    params: RecordedRollouts, test: Transitions, history: int, segments: Mapping[int, str]
+) -> TrueRollouts:
+    """Take stretches of recorded episodes, from each segment of the recording as many as from the others.
+
+    Every episode is cut into stretches of `params.steps` from the first step on that has H - 1 steps before it, and the
+    rest of it is left out. Among the stretches of a segment, `params.seed` decides; a segment that has too few leaves
+    its share to the others. If no episode is as long, the stretches are as long as the longest episode allows.
+
+    Raises:
+        EvaluationError: no episode has two steps after the history.
+    """
+    longest: dict[str, int] = dict.fromkeys(segments.values(), 0)
+    episodes = [(segments[int(test.episode[rows.start])], rows) for rows in test.episode_slices()]
+    for segment, rows in episodes:
+        longest[segment] = max(longest[segment], rows.stop - rows.start)
+    most = max(longest.values(), default=0)
+    if most < history + 1:
+        message = (
+            f"evaluation.rollouts replays held-out episodes, but the longest of the {len(episodes)} has {most} "
+            f"steps and at least {history + 1} are needed; give longer episodes or raise convert.test_share"
+        )
+        raise EvaluationError(message)
+    steps = min(params.steps, most - history + 1)
+    starts = {
+        start: segment
+        for segment, rows in episodes
+        for start in range(rows.start + history - 1, rows.stop - steps + 1, steps)
+    }
+    chosen = _equal_shares(starts, params.episodes, np.random.default_rng(params.seed))
+    within = chosen[:, None] + np.arange(steps)
+    before = chosen[:, None] + np.arange(1 - history, 0)
+    history_states = test.observation[chosen[:, None] + np.arange(1 - history, 1)].astype(np.float64)
+    states = np.concatenate([history_states[:, -1:], test.next_observation[within]], axis=1)
+    groups = _segment_groups([starts[start] for start in chosen.tolist()])
+    too_short = {segment: length for segment, length in longest.items() if length < steps + history - 1}
+    return TrueRollouts(states, test.action[within], history_states, test.action[before], groups, too_short)
+
+
+def _equal_shares(
+    starts: Mapping[int, str], number: int, generator: np.random.Generator
+) -> Int64[np.ndarray, " episode"]:
+    """Draw so many starts without repetition, as many of each segment as of any other where it has them; sorted."""
+    drawn = generator.permutation(list(starts))
+    taken: dict[str, int] = {}
+    place = np.empty(len(drawn), dtype=np.int64)
+    for index, start in enumerate(drawn.tolist()):
+        place[index] = taken[starts[start]] = taken.get(starts[start], -1) + 1
+    chosen: Int64[np.ndarray, " episode"] = np.sort(drawn[np.argsort(place, kind="stable")[:number]])
+    return chosen
+
+
+def _segment_groups(segments: Sequence[str]) -> dict[str, Bool[np.ndarray, " episode"]]:
+    """Return the groups of episodes from these segments; with one segment, there is nothing to tell apart."""
+    found = np.array(segments)
+    groups = {"all": np.ones(len(found), dtype=np.bool_)}
+    names = list(dict.fromkeys(segments))
+    if len(names) > 1:
+        groups |= {f"segment_{name}" if name == "all" else name: found == name for name in names}
+    return groups
+
+
+def record_true_rollouts(params: EnvironmentRollouts, dimensions: tuple[Dimension, ...], history: int) -> TrueRollouts:
+    """Let the environment run under a behaviour that no model has seen.
+
+    In stretches of geometric length it either pushes in the direction of motion (which drives a car to both walls) or
+    holds a random action. The first third of the episodes does only the latter and mostly stays in the valley; over the
+    others the share of pushes rises to `params.swing_share`, and they hit the walls again and again. The first H - 1
+    steps are a model's history.
+
+    Its groups are `all`, `no_wall` and `wall`: in the last, the first dimension of the state reaches its lowest or
+    highest possible value, that is, a wall, on the way.
+
+    Raises:
+        EvaluationError: the environment cannot be made, its actions are not discrete, or it ends an episode early.
+    """
+    steps = history - 1 + params.steps
+    environment, count = _rollout_environment(params, steps)
+    generator = np.random.default_rng(params.seed)
+    states = np.empty((params.episodes, steps + 1, len(dimensions)))
+    actions = np.empty((params.episodes, steps), dtype=np.int64)
+    for episode in range(params.episodes):
+        swing_share = params.swing_share * max(0.0, 1.5 * (episode + 1) / params.episodes - 0.5)
+        states[episode, 0], _ = environment.reset(seed=params.seed + episode)
+        swinging, held, left = False, 0, 0
+        for step in range(steps):
+            if not left:
+                swinging, left = (
+                    generator.random() < swing_share,
+                    int(generator.geometric(1.0 / params.mean_hold_steps)),
+                )
+                held = int(generator.integers(count))
+            left -= 1
+            velocity = states[episode, step, -1]
+            actions[episode, step] = (count - 1 if velocity >= 0 else 0) if swinging else held
+            states[episode, step + 1], _, terminated, _, _ = environment.step(actions[episode, step])
+            if terminated:
+                message = (
+                    f"'{params.environment.id}' ended a rollout after {step + 1} steps; use a variant that goes on"
+                )
+                raise EvaluationError(message)
+    environment.close()
+    history_states, states = states[:, :history], states[:, history - 1 :]
+    history_actions, actions = actions[:, : history - 1], actions[:, history - 1 :]
+    return TrueRollouts(states, actions, history_states, history_actions, _wall_groups(states, dimensions[0]))
+
+
+def _rollout_environment(params: EnvironmentRollouts, steps: int) -> tuple[gymnasium.Env[Any, Any], int]:
+    """Make an environment that goes on for so many steps, and return it with its number of actions."""
+    try:
+        environment = gymnasium.make(
+            params.environment.id,
+            disable_env_checker=True,  # it looks at every step, and doubles their cost
+            **{**params.environment.kwargs, "max_episode_steps": steps + 1},
+        )
+    except (gymnasium.error.Error, TypeError) as error:
+        message = f"evaluation.rollouts.environment '{params.environment.id}' cannot be made ({error})"
+        raise EvaluationError(message) from error
+    space = environment.action_space
+    if not isinstance(space, gymnasium.spaces.Discrete):
+        message = f"rollouts need discrete actions, but '{params.environment.id}' has {space}"
+        raise EvaluationError(message)
+    return environment, int(space.n)
+
+
+def _wall_groups(
+    states: Float64[np.ndarray, "episode time observation"], position: Dimension
+) -> dict[str, Bool[np.ndarray, " episode"]]:
+    at_bounds = (states[:, 1:, 0] <= np.float32(position.low)) | (states[:, 1:, 0] >= np.float32(position.high))
+    touched: Bool[np.ndarray, " episode"] = np.any(at_bounds, axis=1)
+    return {"all": np.ones_like(touched), "no_wall": ~touched, "wall": touched}

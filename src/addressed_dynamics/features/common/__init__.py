@@ -1,0 +1,1 @@
+"""What samples of any kind have in common."""

@@ -1,0 +1,1 @@
+"""Features of motion, and what is done to batches of it."""

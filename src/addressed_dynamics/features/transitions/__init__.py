@@ -1,0 +1,1 @@
+"""Features of transitions: windows of frames, angles, normalisation."""

@@ -1,0 +1,390 @@
+"""The FeatureSpec: from states and actions to a network's inputs and targets, and from its outputs to the next state.
+
+It is saved with every model, so that a model folder alone can predict from raw observations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from addressed_dynamics.base.errors import ModelError, TransitionsError
+from addressed_dynamics.base.params.experiments import AngleParams, FeatureParams
+from addressed_dynamics.episodes.transitions import DiscreteAction, SpaceSpec, Transitions
+from addressed_dynamics.features.common.samples import Samples
+from addressed_dynamics.features.transitions.angles import velocity_from_angles, weighted_angle
+from addressed_dynamics.features.transitions.windows import window_rows, windows
+
+DEVIATION_FLOOR = 1e-6
+"""Least standard deviation an input is divided by, as a share of the range of its dimension (or of 1): a constant
+column must not become a division by nearly nothing."""
+
+
+@dataclass(frozen=True)
+class Angle:
+    """An angle that the observation gives by its cosine and its sine."""
+
+    name: str
+    """What it is called, for instance `angle_1`."""
+    cosine: str
+    """Name of the dimension with its cosine."""
+    sine: str
+    """Name of the dimension with its sine."""
+    velocity: str | None
+    """Name of the dimension with its velocity, in rad/s; None if there is none."""
+
+
+@dataclass(frozen=True)
+class FeatureSpec:
+    """How the networks of one model see the environment. Make one with `fit_features`.
+
+    A network is given `history` frames, each a state and the action taken in it, oldest first. A target t (the next
+    state, or its change) becomes y = (t / scale - target_mean) / target_deviation with a single deviation for all
+    dimensions, so that the loss a network trains on is, up to that constant, the paper's: the error of states scaled to
+    [0, 1].
+    """
+
+    spaces: SpaceSpec
+    """What the raw numbers mean."""
+    history: int
+    """Number of frames, H."""
+    history_weight: float
+    """Size of the normalised inputs of older frames beside those of the last; all together keep their variance."""
+    target: Literal["absolute", "change"]
+    """Whether a network is asked for the next state or for its change."""
+    angles: tuple[Angle, ...]
+    """Angles given by cosine and sine."""
+    angle_from: Literal["weighted", "atan2"]
+    """How an angle comes from a predicted cosine and sine."""
+    velocity: Literal["difference", "predicted"]
+    """Where the angles' velocities come from: differences of successive angles, or the network."""
+    input_mean: tuple[float, ...]
+    """Mean of each input of a frame over the training samples, in the environment's units (one-hot actions: their
+    share)."""
+    input_deviation: tuple[float, ...]
+    """Standard deviation of each input of a frame over the training samples, floored."""
+    scale: tuple[float, ...]
+    """Range of each dimension of the state, in its unit: errors divided by it are errors of states in [0, 1]."""
+    target_mean: tuple[float, ...]
+    """Mean of each target, in multiples of `scale`."""
+    target_deviation: float
+    """Root mean square deviation of the targets, in multiples of `scale`."""
+
+    @property
+    def params(self) -> FeatureParams:
+        """The params that it was made with."""
+        return FeatureParams(
+            target=self.target,
+            history=self.history,
+            history_weight=self.history_weight,
+            angles=tuple(AngleParams(**asdict(angle)) for angle in self.angles),
+            angle_from=self.angle_from,
+            velocity=self.velocity,
+        )
+
+    @property
+    def inputs(self) -> int:
+        """Number of inputs of a network."""
+        return self.history * len(self.input_mean)
+
+    @property
+    def outputs(self) -> int:
+        """Number of outputs of a network."""
+        return len(self.target_mean)
+
+    @cached_property
+    def predicted(self) -> tuple[int, ...]:
+        """Dimensions of the state that a network predicts; the others are velocities that follow from the angles."""
+        return predicted_dimensions(self.spaces, self.angles, self.velocity)
+
+    @property
+    def target_scale(self) -> Float[Tensor, " output"]:
+        """Range of each predicted dimension of the state, in its unit."""
+        return torch.tensor([self.scale[index] for index in self.predicted])
+
+    def encode(self, observation: Float[Tensor, "sample ..."], action: Tensor) -> Float[Tensor, "sample input"]:
+        """Return normalised inputs for states (in the environment's units) and actions.
+
+        Args:
+            observation: states, (B, d_obs); with a history of H > 1 frames (B, H, d_obs), oldest first.
+            action: the actions taken in them, (B,) or (B, H) integers if the actions are discrete, else one dimension
+                more, for their components.
+
+        Raises:
+            ModelError: a shape is wrong, or a discrete action does not exist.
+        """
+        self.check_observation(observation)
+        return self.join(self._frames(observation, action))
+
+    def check_observation(self, observation: Tensor) -> None:
+        """Check that states have the shape that `encode` asks for.
+
+        Raises:
+            ModelError: they have another one.
+        """
+        frames = () if self.history == 1 else (self.history,)
+        expected = (*frames, len(self.spaces.observation))
+        if not observation.ndim or observation.shape[1:] != expected:
+            shape = ", ".join(map(str, ("B", *expected)))
+            message = f"observations should have shape ({shape}), but have {tuple(observation.shape)}"
+            raise ModelError(message)
+
+    def join(self, frames: Float[Tensor, "sample ..."]) -> Float[Tensor, "sample input"]:
+        """Return the inputs of a network from normalised frames, (B, H, n), oldest first, or (B, n) if H is 1."""
+        return frames if self.history == 1 else (frames * self._frame_weights).flatten(start_dim=1)
+
+    def encode_target(
+        self, observation: Float[Tensor, "sample observation"], next_observation: Float[Tensor, "sample observation"]
+    ) -> Float[Tensor, "sample output"]:
+        """Return the normalised targets for states and the states that follow them."""
+        target = next_observation - observation if self.target == "change" else next_observation
+        scaled = target[:, self.predicted] / self.target_scale
+        return (scaled - torch.tensor(self.target_mean)) / self.target_deviation
+
+    def decode(
+        self, output: Float[Tensor, "*member sample output"], observation: Float[Tensor, "sample observation"]
+    ) -> Float[Tensor, "*member sample observation"]:
+        """Return the next states that outputs of a network mean, in the environment's units.
+
+        Cosines and sines of angles are those of the predicted angle, and velocities of angles lie in their bounds.
+        Nothing else is bounded.
+
+        Args:
+            output: what a network says.
+            observation: the states before the step: of a history, the last frame.
+        """
+        target = (output * self.target_deviation + torch.tensor(self.target_mean)) * self.target_scale
+        if self.target == "change":
+            target = target + observation[:, self.predicted]
+        if not self.angles:
+            return target
+        columns = dict(zip(self.predicted, target.unbind(dim=-1), strict=True))
+        for angle in self.angles:
+            columns |= self._turned(angle, columns, observation)
+        return torch.stack([columns[index] for index in range(len(self.spaces.observation))], dim=-1)
+
+    def samples(self, transitions: Transitions) -> Samples:
+        """Return the samples of `transitions`, in their order.
+
+        There is one for each row that has H - 1 rows of its own episode before it.
+
+        Raises:
+            ModelError: the transitions are of other spaces.
+        """
+        if transitions.spec != self.spaces:
+            message = "the transitions' spaces are not those the features were made for"
+            raise ModelError(message)
+        observation, action = torch.from_numpy(transitions.observation), torch.from_numpy(transitions.action)
+        rows = torch.from_numpy(window_rows(transitions, self.history))
+        frames = self._frames(observation, action)
+        return Samples(
+            x=self.join(windows(frames, rows, self.history)),
+            y=self.encode_target(observation[rows], torch.from_numpy(transitions.next_observation)[rows]),
+            episode=torch.from_numpy(transitions.episode)[rows],
+            step=torch.from_numpy(transitions.step.astype(np.int64))[rows],
+        )
+
+    def angle(self, angle: Angle, observation: Float[Tensor, "*batch observation"]) -> Float[Tensor, "*batch"]:
+        """Return one of the angles of states, in rad in [-pi, pi]."""
+        names = self.spaces.observation_names
+        return torch.atan2(observation[..., names.index(angle.sine)], observation[..., names.index(angle.cosine)])
+
+    def loss_unit(self, loss: Literal["mse", "mae"]) -> float:
+        """Return what one unit of a network's training loss is as a loss of states scaled to [0, 1]."""
+        return self.target_deviation**2 if loss == "mse" else self.target_deviation
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the spec as JSON-compatible values."""
+        return {**asdict(self), "spaces": self.spaces.to_json()}
+
+    @staticmethod
+    def from_json(value: Any) -> FeatureSpec:
+        """Read what `to_json` wrote.
+
+        Raises:
+            ModelError: `value` does not have that form.
+        """
+        try:
+            spec = FeatureSpec(
+                spaces=SpaceSpec.from_json(value["spaces"]),
+                history=int(value["history"]),
+                history_weight=float(value["history_weight"]),
+                target={"absolute": "absolute", "change": "change"}[value["target"]],  # type: ignore[arg-type] # checked by the lookup
+                angles=tuple(Angle(**angle) for angle in value["angles"]),
+                angle_from={"weighted": "weighted", "atan2": "atan2"}[value["angle_from"]],  # type: ignore[arg-type] # as above
+                velocity={"difference": "difference", "predicted": "predicted"}[value["velocity"]],  # type: ignore[arg-type] # as above
+                input_mean=tuple(map(float, value["input_mean"])),
+                input_deviation=tuple(map(float, value["input_deviation"])),
+                scale=tuple(map(float, value["scale"])),
+                target_mean=tuple(map(float, value["target_mean"])),
+                target_deviation=float(value["target_deviation"]),
+            )
+            spec._check()
+        except (KeyError, TypeError, ValueError, TransitionsError) as error:
+            message = f"the description of a model's features is incomplete or malformed ({error})"
+            raise ModelError(message) from error
+        return spec
+
+    @property
+    def _frame_weights(self) -> Float[Tensor, "frame 1"]:
+        weights = torch.full((self.history, 1), self.history_weight)
+        weights[-1] = 1.0
+        return weights / weights.square().mean().sqrt()
+
+    def _check(self) -> None:
+        if self.history < 1:
+            message = f"history should be at least 1, but is {self.history}"
+            raise ValueError(message)
+        _check_angles(self.spaces, self.angles)
+        action = self.spaces.action
+        states = len(self.spaces.observation)
+        inputs = states + (action.count if isinstance(action, DiscreteAction) else len(action.dimensions))
+        outputs = len(self.predicted)
+        for name, expected in {
+            "input_mean": inputs, "input_deviation": inputs, "scale": states, "target_mean": outputs
+        }.items():  # fmt: skip
+            if len(getattr(self, name)) != expected:
+                message = f"{name} should have {expected} numbers, but has {len(getattr(self, name))}"
+                raise ValueError(message)
+
+    def _frames(
+        self, observation: Float[Tensor, "*batch observation"], action: Tensor
+    ) -> Float[Tensor, "*batch frame"]:
+        """Return states and actions as normalised inputs side by side."""
+        raw = torch.cat([observation.to(torch.float32), self._encode_action(action, observation.shape[:-1])], dim=-1)
+        return (raw - torch.tensor(self.input_mean)) / torch.tensor(self.input_deviation)
+
+    def _encode_action(self, action: Tensor, batch: tuple[int, ...]) -> Float[Tensor, "*batch action"]:
+        kind = self.spaces.action
+        if isinstance(kind, DiscreteAction):
+            if action.shape != batch or action.is_floating_point():
+                message = (
+                    f"discrete actions should be integers of shape {tuple(batch)}, "
+                    f"but are {action.dtype} of shape {tuple(action.shape)}"
+                )
+                raise ModelError(message)
+            if action.numel() and not (int(action.min()) >= 0 and int(action.max()) < kind.count):
+                message = f"actions should lie in 0..{kind.count - 1}, but some do not"
+                raise ModelError(message)
+            return torch.nn.functional.one_hot(action.long(), kind.count).to(torch.float32)
+        expected = (*batch, len(kind.dimensions))
+        if action.shape != expected:
+            message = f"continuous actions should have shape {expected}, but have {tuple(action.shape)}"
+            raise ModelError(message)
+        return action.to(torch.float32)
+
+    def _turned(
+        self, angle: Angle, columns: dict[int, Tensor], before: Float[Tensor, "sample observation"]
+    ) -> dict[int, Float[Tensor, "*member sample"]]:
+        """Return the columns of the next state that belong to an angle: on the unit circle, velocity in its bounds."""
+        names = self.spaces.observation_names
+        cosine, sine = names.index(angle.cosine), names.index(angle.sine)
+        turn = weighted_angle if self.angle_from == "weighted" else _atan2
+        after = turn(columns[cosine], columns[sine])
+        turned = {cosine: after.cos(), sine: after.sin()}
+        if angle.velocity is None:
+            return turned
+        index = names.index(angle.velocity)
+        velocity = (
+            columns[index]
+            if index in columns
+            else velocity_from_angles(after, self.angle(angle, before), step_seconds=self.spaces.step_seconds)
+        )
+        bounds = self.spaces.observation[index]
+        return {**turned, index: velocity.clamp(bounds.low, bounds.high)}
+
+
+def fit_features(train: Transitions, params: FeatureParams) -> FeatureSpec:
+    """Choose the normalisation from training transitions alone.
+
+    The scale of a dimension is its range by the environment's bounds; where these are infinite, the range of the data.
+
+    Raises:
+        TransitionsError: there are no transitions; or an angle names a dimension that the observation lacks or that is
+            part of another, or has a name that is taken.
+    """
+    if not len(train):
+        message = "there are no training transitions to take statistics from: record more episodes"
+        raise TransitionsError(message)
+    angles = tuple(Angle(**angle.model_dump()) for angle in params.angles)
+    _check_angles(train.spec, angles)
+    predicted = predicted_dimensions(train.spec, angles, params.velocity)
+    observation, next_observation = train.observation.astype(np.float64), train.next_observation.astype(np.float64)
+    bounds = np.array([(dimension.low, dimension.high) for dimension in train.spec.observation])
+    spread = np.where(np.isfinite(bounds).all(axis=1), bounds[:, 1] - bounds[:, 0], np.ptp(observation, axis=0))
+    scale = np.where(spread > 0, spread, 1.0)
+    action, action_scale = _action_columns(train)
+    inputs = np.concatenate([observation, action], axis=1)
+    floor = DEVIATION_FLOOR * np.concatenate([scale, action_scale])
+    targets = (next_observation - observation if params.target == "change" else next_observation) / scale
+    targets = targets[:, predicted]
+    return FeatureSpec(
+        spaces=train.spec,
+        history=params.history,
+        history_weight=params.history_weight,
+        target=params.target,
+        angles=angles,
+        angle_from=params.angle_from,
+        velocity=params.velocity,
+        input_mean=tuple(map(float, inputs.mean(axis=0))),
+        input_deviation=tuple(map(float, np.maximum(inputs.std(axis=0), floor))),
+        scale=tuple(map(float, scale)),
+        target_mean=tuple(map(float, targets.mean(axis=0))),
+        target_deviation=float(max(np.sqrt(targets.var(axis=0).mean()), DEVIATION_FLOOR)),
+    )
+
+
+def predicted_dimensions(
+    spaces: SpaceSpec, angles: tuple[Angle, ...], velocity: Literal["difference", "predicted"]
+) -> tuple[int, ...]:
+    """Return the dimensions of the state that a network predicts: all, or all but the velocities of the angles."""
+    follow = {angle.velocity for angle in angles} if velocity == "difference" else set()
+    return tuple(index for index, name in enumerate(spaces.observation_names) if name not in follow)
+
+
+def _check_angles(spaces: SpaceSpec, angles: tuple[Angle, ...]) -> None:
+    taken, dimensions = set(spaces.observation_names), set[str]()
+    for angle in angles:
+        if angle.name in taken:
+            message = f"features.angles: '{angle.name}' is the name of another angle or of a dimension; rename it"
+            raise TransitionsError(message)
+        taken.add(angle.name)
+        for part, name in {"cosine": angle.cosine, "sine": angle.sine, "velocity": angle.velocity}.items():
+            if name is None:
+                continue
+            if name not in spaces.observation_names:
+                known = ", ".join(spaces.observation_names)
+                message = (
+                    f"features.angles: the {part} of '{angle.name}' should be a dimension of the observation, "
+                    f"but is '{name}' (dimensions: {known})"
+                )
+                raise TransitionsError(message)
+            if name in dimensions:
+                message = (
+                    f"features.angles: the {part} of '{angle.name}' is '{name}', which is also another cosine, sine or "
+                    "velocity; name a dimension once"
+                )
+                raise TransitionsError(message)
+            dimensions.add(name)
+
+
+def _atan2(cosine: Float[Tensor, "*batch"], sine: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
+    return torch.atan2(sine, cosine)
+
+
+def _action_columns(
+    train: Transitions,
+) -> tuple[Float[np.ndarray, "sample action"], Float[np.ndarray, " action"]]:
+    """Return actions as inputs (one-hot if discrete) and the range of each."""
+    kind = train.spec.action
+    if isinstance(kind, DiscreteAction):
+        return np.eye(kind.count)[train.action], np.ones(kind.count)
+    action = train.action.astype(np.float64)
+    spread = np.ptp(action, axis=0)
+    return action, np.where(spread > 0, spread, 1.0)

@@ -1,1 +1,0 @@
-"""Networks: stacked members, the addressing network, the model made of both, and their files."""

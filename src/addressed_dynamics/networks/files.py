@@ -1,0 +1,190 @@
+"""A network's folder: weights.safetensors and config.json. No pickles: loading runs no code."""
+
+import json
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+import safetensors.torch
+from safetensors import SafetensorError
+
+from addressed_dynamics.base.errors import ModelError
+from addressed_dynamics.base.files import atomic_path, write_json
+from addressed_dynamics.features.motion.features import MotionFeatures
+from addressed_dynamics.features.transitions.spec import FeatureSpec
+from addressed_dynamics.networks.stacked import ACTIVATIONS, StackedMLP
+
+FORMAT = 1
+"""Version of the folder's layout."""
+
+
+Features = TypeVar("Features", bound=FeatureSpec | MotionFeatures)
+
+
+@dataclass(frozen=True)
+class SavedNetwork(Generic[Features]):
+    """A stack of networks with all that is needed to use it."""
+
+    stack: StackedMLP
+    """The networks."""
+    features: Features
+    """What their inputs and outputs mean."""
+    notes: dict[str, Any]
+    """Where they come from: params, hash of the data, seed, and so on; JSON-compatible."""
+
+
+def save_network(folder: Path, network: SavedNetwork[Features]) -> None:
+    """Write `network` into `folder`, which appears whole or not at all."""
+    stack = network.stack
+    config = {
+        "format": FORMAT,
+        "package_version": version("addressed-dynamics"),
+        "architecture": {
+            "members": stack.members,
+            "widths": list(stack.widths),
+            "activation": stack.activation,
+            "shared": stack.shared,
+        },
+        "features": network.features.to_json(),
+        "notes": network.notes,
+    }
+    with atomic_path(folder) as temporary:
+        temporary.mkdir(parents=True)
+        tensors = {name: tensor.detach().contiguous().clone() for name, tensor in stack.state_dict().items()}
+        safetensors.torch.save_file(tensors, temporary / "weights.safetensors")
+        write_json(temporary / "config.json", config)
+
+
+def load_network(folder: Path) -> SavedNetwork[FeatureSpec]:
+    """Read what `save_network` wrote of a model of an environment.
+
+    Raises:
+        ModelError: a file is missing or damaged, is of another format, or the weights do not fit the architecture; or
+            the network models motion.
+    """
+    network = load_any_network(folder)
+    if not isinstance(network.features, FeatureSpec):
+        message = f"{folder}: a model of motion, not of an environment; MotionModel loads it"
+        raise ModelError(message)
+    return SavedNetwork(network.stack, network.features, network.notes)
+
+
+def load_motion_network(folder: Path) -> SavedNetwork[MotionFeatures]:
+    """Read what `save_network` wrote of a model of motion.
+
+    Raises:
+        ModelError: as in `load_network`; or the network models an environment.
+    """
+    network = load_any_network(folder)
+    if not isinstance(network.features, MotionFeatures):
+        message = f"{folder}: a model of an environment, not of motion; AddressedDynamics loads it"
+        raise ModelError(message)
+    return SavedNetwork(network.stack, network.features, network.notes)
+
+
+def load_any_network(folder: Path) -> SavedNetwork[FeatureSpec | MotionFeatures]:
+    """Read what `save_network` wrote, whatever it models.
+
+    Raises:
+        ModelError: as in `load_network`.
+    """
+    config = _read_config(folder / "config.json")
+    try:
+        architecture = config["architecture"]
+        widths = tuple(int(width) for width in architecture["widths"])
+        activation = str(architecture["activation"])
+        if activation not in ACTIVATIONS:
+            message = f"unknown activation '{activation}'"
+            raise ValueError(message)
+        # Models of earlier versions have no shared layers, and do not say so.
+        shared = int(architecture.get("shared", 0))
+        stack = StackedMLP(int(architecture["members"]), widths, activation, shared=shared)  # type: ignore[arg-type] # checked above
+        features, notes = _features(config["features"]), dict(config["notes"])
+    except (KeyError, TypeError, ValueError, ModelError) as error:
+        message = f"{folder / 'config.json'}: incomplete or malformed ({error}); train the model again"
+        raise ModelError(message) from error
+    weights = folder / "weights.safetensors"
+    try:
+        tensors = safetensors.torch.load_file(weights)
+    except FileNotFoundError as error:
+        message = f"{weights}: missing; 'dvc checkout' or 'dvc repro' brings it back"
+        raise ModelError(message) from error
+    except (OSError, SafetensorError) as error:
+        message = f"{weights}: damaged ({error}); 'dvc checkout --force' or 'dvc repro' brings it back"
+        raise ModelError(message) from error
+    expected = {name: tuple(tensor.shape) for name, tensor in stack.state_dict().items()}
+    found = {name: tuple(tensor.shape) for name, tensor in tensors.items()}
+    for name in sorted(expected.keys() | found.keys()):
+        if expected.get(name) != found.get(name):
+            message = (
+                f"{weights}: tensor '{name}' should have shape {expected.get(name)} by config.json, "
+                f"but has {found.get(name)}; the two files are not of one model"
+            )
+            raise ModelError(message)
+    stack.load_state_dict(tensors)
+    return SavedNetwork(stack.requires_grad_(False), features, notes)
+
+
+def addressed_folders(folder: Path, seed: int | None, variant: str | None) -> tuple[Path, Path]:
+    """Return the folders of an ensemble and of its addressing network in a folder of models.
+
+    Args:
+        folder: what the training stages wrote.
+        seed: which of the trained seeds; None for the first, which is the one delivered.
+        variant: which addressing network; None for the one delivered.
+
+    Raises:
+        ModelError: the index is missing or damaged, or the seed or variant was not trained.
+    """
+    index = read_index(folder / "addressing", "addressing.json")
+    try:
+        delivered: dict[str, str] = dict(index["delivered"])
+        variants: list[str] = list(index["variants"])
+    except (KeyError, TypeError, ValueError) as error:
+        message = f"{folder / 'addressing' / 'addressing.json'}: incomplete or malformed; run train_addressing again"
+        raise ModelError(message) from error
+    chosen_seed = next(iter(delivered)) if seed is None else str(seed)
+    if chosen_seed not in delivered:
+        message = f"{folder}: seed {seed} was not trained (seeds there: {', '.join(delivered)})"
+        raise ModelError(message)
+    chosen_variant = variant or delivered[chosen_seed]
+    if chosen_variant not in variants:
+        message = f"{folder}: there is no addressing variant '{variant}' (variants there: {', '.join(variants)})"
+        raise ModelError(message)
+    return folder / "ensemble" / f"seed-{chosen_seed}", folder / "addressing" / f"seed-{chosen_seed}" / chosen_variant
+
+
+def read_index(folder: Path, name: str) -> dict[str, Any]:
+    """Read the JSON file `name` of a model folder.
+
+    Raises:
+        ModelError: it is missing or is not JSON.
+    """
+    return _read_config(folder / name)
+
+
+def _features(value: Any) -> FeatureSpec | MotionFeatures:
+    # Features of environments have no kind.
+    kind = value.get("kind") if isinstance(value, dict) else None
+    if kind is None:
+        return FeatureSpec.from_json(value)
+    if kind != "motion":
+        message = f"unknown kind of features '{kind}'"
+        raise ValueError(message)
+    return MotionFeatures.from_json(value)
+
+
+def _read_config(path: Path) -> dict[str, Any]:
+    try:
+        value = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        message = f"{path}: missing, so this is not a whole model folder; 'dvc checkout' or 'dvc repro' brings it back"
+        raise ModelError(message) from error
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+        message = f"{path}: damaged ({error}); 'dvc checkout --force' or 'dvc repro' brings it back"
+        raise ModelError(message) from error
+    if not isinstance(value, dict) or value.get("format", FORMAT) != FORMAT:
+        message = f"{path}: format {FORMAT} expected, but it is of another; train the model with this version"
+        raise ModelError(message)
+    return value

@@ -1,0 +1,1 @@
+"""What reports on any kind of data are made of."""

@@ -1,0 +1,395 @@
+"""What the JSON files of the earlier stages hold, as far as a report shows it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from addressed_dynamics.base.errors import ReportError
+from addressed_dynamics.base.params.experiments import FeatureParams
+from addressed_dynamics.base.params.training import AddressingTraining, EnsembleParams
+
+
+class Record(BaseModel):
+    """Base of what is read from JSON: frozen; keys that a report does not show are ignored."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False)
+
+
+class Summary(Record):
+    """Spread of losses over samples."""
+
+    mean: float
+    median: float
+    p99: float
+    max: float
+
+
+class Misclassified(Summary):
+    """Losses of the samples for which a member is selected although another is better."""
+
+    per_thousand: float
+
+
+class MemberResult(Record):
+    """A row of Table 1."""
+
+    share: float
+    selected: float | None
+    not_selected: float | None
+    misclassified: Misclassified
+
+
+class AddressingResult(Record):
+    """Table 1 of one ensemble with one addressing network."""
+
+    samples: int
+    members: tuple[MemberResult, ...]
+    agreement: float
+    misclassified_per_thousand: float
+    regret: Summary
+    confusion: tuple[tuple[int, ...], ...]
+
+
+class DimensionResult(Record):
+    """One-step errors of one dimension of the state, in its own unit."""
+
+    name: str
+    unit: str
+    squared: Summary
+    absolute: Summary
+
+
+class OneStepResult(Record):
+    """One-step errors of one candidate."""
+
+    scaled: Summary
+    dimensions: tuple[DimensionResult, ...]
+    """Those of the state, then its angles if it holds any."""
+
+    def named(self, names: Sequence[str]) -> list[DimensionResult]:
+        """Return the dimensions and angles of these names.
+
+        Raises:
+            ReportError: one of them was not measured.
+        """
+        found = {each.name: each for each in self.dimensions}
+        for name in names:
+            if name not in found:
+                message = f"evaluation.json: there is no one-step error of '{name}'; run evaluate again"
+                raise ReportError(message)
+        return [found[name] for name in names]
+
+
+class EpisodeSpread(Record):
+    """Spread of a rollout error over episodes."""
+
+    median: float
+    mean: float
+    p10: float
+    p90: float
+    max: float
+
+
+class LostTime(Record):
+    """Time until an angle is off by more than the limit, in seconds, over episodes."""
+
+    p10: float | None
+    """None, like the next two, if it lies beyond the end of the rollouts."""
+    median: float | None
+    p90: float | None
+    never_share: float
+    """Share of the episodes in which it never is."""
+
+
+class PhysicsResult(Record):
+    """Rollouts of Acrobot by their angles and energy."""
+
+    lost_seconds: LostTime
+    energy_error: EpisodeSpread
+    """Mean difference from the true energy over a rollout, in J."""
+    energy_drift: EpisodeSpread
+    """Difference from the energy of the first state at the end of a rollout, in J."""
+
+
+class RolloutGroup(Record):
+    """Rollout errors over some of the episodes."""
+
+    episodes: int
+    mse: dict[str, EpisodeSpread | None]
+    physics: PhysicsResult | None = None
+    """None if it was not asked for, or if there are no episodes."""
+
+
+class RolloutResult(Record):
+    """Rollout errors of one candidate."""
+
+    left_bounds_share: float | None
+    """None if the state has no bounds."""
+    groups: dict[str, RolloutGroup]
+    """Over `all` episodes first, then over those of each group that is told apart."""
+
+    @model_validator(mode="after")
+    def _has_all(self) -> RolloutResult:
+        if "all" not in self.groups:
+            message = "there is no group 'all'"
+            raise ValueError(message)
+        return self
+
+    @property
+    def all(self) -> RolloutGroup:
+        """Over all episodes."""
+        return self.groups["all"]
+
+
+class SimulationResult(RolloutResult):
+    """What the true equations of motion make of the rollouts."""
+
+    label: str
+
+
+class RolloutPhysics(Record):
+    """How rollouts are judged by their angles and energy."""
+
+    step_seconds: float
+    angle_limit: float
+    """An angle that is off by more has lost the truth, in rad."""
+    apart: float
+    """How far two true simulations are apart at the start, in rad."""
+    simulations: dict[str, SimulationResult]
+    """What stands beside the models, by their names in horizon.csv."""
+
+
+class CandidateResult(Record):
+    """All that was measured of one candidate."""
+
+    label: str
+    parameters: int
+    one_step: OneStepResult
+    rollouts: RolloutResult | None = None
+
+
+class MeanLosses(Record):
+    """Mean loss of each member (Fig. 9)."""
+
+    all: tuple[float, ...]
+    """Over all samples."""
+    own: tuple[float | None, ...]
+    """Over those for which it is selected; None if there are none."""
+
+
+class Specialisation(Record):
+    """How the members share the samples of one split."""
+
+    samples: int
+    agreement: float
+    lowest_loss: tuple[int, ...]
+    """Samples on which each member has the lowest loss (Fig. 8)."""
+    addressed: tuple[int, ...]
+    """Samples for which each member is selected."""
+    mean_loss: MeanLosses
+    loss_edges: tuple[float, ...]
+    """Bounds of the intervals of losses (Fig. 10)."""
+    loss_counts: tuple[tuple[int, ...], ...]
+    """Each member's own losses by interval."""
+    output_edges: tuple[float, ...]
+    """Bounds of the intervals of the addressing outputs (Fig. 11)."""
+    output_counts: tuple[tuple[int, ...], ...]
+    """Each member's addressing output over all samples by interval."""
+
+
+class Specialisations(Record):
+    """The same for the samples that the delivered model has learned from, and for held-out episodes."""
+
+    train: Specialisation
+    test: Specialisation
+
+
+class Recipe(Record):
+    """How an ensemble and the network that addresses it are trained."""
+
+    features: FeatureParams
+    ensemble: EnsembleParams
+    addressing: AddressingTraining
+
+
+class OtherRecipe(Record):
+    """The ensemble with the recipe that was not chosen, which is one of the baselines."""
+
+    name: Literal["paper_recipe", "default_recipe"]
+    """Name of the baseline."""
+    recipe: Recipe
+    specialisation: Specialisations
+    """By its own loss, which may be another than that of the delivered model."""
+
+
+class BaselineLosses(Record):
+    """Mean losses of single networks by their names such as `wide/seed-0`, beside those of Fig. 9."""
+
+    train: dict[str, float]
+    test: dict[str, float]
+
+
+class Delivered(Record):
+    """Which model is the one that is delivered."""
+
+    seed: int
+    variant: str
+
+
+class HeldOut(Record):
+    """What was held out."""
+
+    transitions: int
+    episodes: int
+
+
+class RolloutSource(Record):
+    """What the rollouts are held against."""
+
+    kind: Literal["environment", "recorded"]
+    steps: int
+    steps_wanted: int
+    """As many as the params file asks for; more than `steps` if no held-out episode is as long."""
+    too_short: dict[str, int]
+    """Segments of the recording that have no held-out episode as long, each with the steps of its longest."""
+    physics: RolloutPhysics | None
+    """None if it was not asked for."""
+
+
+_OTHER_BASELINES = ("total_parameters", "unequal_bins", "random_bins", "paper_recipe", "default_recipe")
+
+
+class Evaluation(Record):
+    """evaluation.json."""
+
+    loss: str
+    test: HeldOut
+    rollouts: RolloutSource
+    delivered: Delivered
+    seeds: dict[str, dict[str, AddressingResult]]
+    candidates: dict[str, CandidateResult]
+    specialisation: Specialisations
+    baseline_losses: BaselineLosses
+    other_recipe: OtherRecipe | None
+    """None if it was not trained."""
+
+    @model_validator(mode="after")
+    def _has_the_other_recipe(self) -> Evaluation:
+        if self.other_recipe and len(self.baseline(self.other_recipe.name)) != 1:
+            message = f"'{self.other_recipe.name}' is the other recipe, so there should be one candidate of it"
+            raise ValueError(message)
+        return self
+
+    @property
+    def table(self) -> AddressingResult:
+        """Table 1 of the delivered model."""
+        return self.seeds[str(self.delivered.seed)][self.delivered.variant]
+
+    @property
+    def own(self) -> CandidateResult:
+        """The delivered model with the paper's addressing."""
+        return self.candidates["ensemble/argmax"]
+
+    @property
+    def own_seeds(self) -> list[CandidateResult]:
+        """The delivered model and those of the other seeds."""
+        return [self.own, *self._named("ensemble/argmax/seed-")]
+
+    def baseline(self, name: str) -> list[CandidateResult]:
+        """Return a baseline from all its seeds; empty if it was not trained."""
+        return self._named(f"{name}/seed-")
+
+    def seeds_of(self, name: str) -> list[str]:
+        """Return the seeds of a baseline, in the order of `baseline`."""
+        prefix = f"{name}/seed-"
+        return [each.removeprefix(prefix) for each in self.candidates if each.startswith(prefix)]
+
+    @property
+    def single_networks(self) -> list[str]:
+        """Names of the single networks of other sizes than the ensemble's, in the order of evaluation."""
+        names = [name.partition("/seed-")[0] for name in self.candidates if not name.startswith("ensemble/")]
+        return [name for name in dict.fromkeys(names) if name not in _OTHER_BASELINES]
+
+    def _named(self, prefix: str) -> list[CandidateResult]:
+        return [candidate for name, candidate in self.candidates.items() if name.startswith(prefix)]
+
+
+class SegmentResult(Record):
+    """What was recorded in one segment."""
+
+    behaviour: str
+    count: int
+    transitions: int
+    goal_share_last_100: float | None
+
+
+class SplitResult(Record):
+    """Size of a split."""
+
+    episodes: int
+    transitions: int
+
+
+class Coverage(Record):
+    """How much of the state space the data has seen."""
+
+    cells_per_dimension: int
+    per_dimension: dict[str, float]
+    plane: float | None
+
+
+class Duplicates(Record):
+    """Rows that repeat an earlier one."""
+
+    rows: int
+    share: float
+
+
+class PlaceResult(Record):
+    """Where something was found."""
+
+    log: str
+    episode: int | None
+    step: int | None
+    value: float | None
+
+
+class FindingResult(Record):
+    """One thing that is wrong with the data."""
+
+    meaning: str
+    dimension: str
+    count: int
+    of: int | None
+    first: PlaceResult | None
+    blocking: bool
+
+
+class ImportResult(Record):
+    """What the import of foreign logs counted."""
+
+    files: dict[str, dict[str, int]]
+    totals: dict[str, int]
+
+
+class DataResult(Record):
+    """data.json."""
+
+    transitions: int
+    splits: dict[str, SplitResult]
+    segments: dict[str, SegmentResult]
+    coverage: Coverage
+    duplicates: Duplicates
+    quality: tuple[FindingResult, ...]
+    imported: ImportResult | None = Field(default=None, alias="import")
+    """None if the data was recorded by this project."""
+
+
+class AddressingTrainings(Record):
+    """addressing.json: validation metrics of each addressing network, by `seed-0/plain` and so on."""
+
+    delivered: dict[str, str]
+    validation: dict[str, dict[str, Any]]

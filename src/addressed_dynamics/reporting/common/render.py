@@ -1,0 +1,53 @@
+"""The report as files: one HTML file that holds everything, and Markdown with its pictures beside it."""
+
+from __future__ import annotations
+
+import base64
+from pathlib import Path
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from addressed_dynamics.base.files import atomic_path, write_text
+from addressed_dynamics.reporting.common.blocks import Report
+
+FIGURES = "figures"
+"""Name of the folder of pictures beside the Markdown."""
+
+
+def write_report(report: Report, folder: Path) -> None:
+    """Write report.html, report.md and the folder of figures into `folder`."""
+    with atomic_path(folder / FIGURES) as pictures:
+        pictures.mkdir()
+        for panel in report.panels:
+            (pictures / f"{panel.name}.{panel.format}").write_bytes(panel.content)
+    write_text(folder / "report.md", render_markdown(report))
+    write_text(folder / "report.html", render_html(report))
+
+
+def render_html(report: Report) -> str:
+    """Return the report as an HTML file that loads nothing from elsewhere."""
+    environment = _environment(autoescape=True)
+    environment.filters["data_uri"] = _data_uri
+    return environment.get_template("report.html.j2").render(report=report)
+
+
+def render_markdown(report: Report) -> str:
+    """Return the report as Markdown that refers to the pictures in `FIGURES`."""
+    environment = _environment(autoescape=False)
+    environment.filters["cell"] = lambda text: text.replace("|", "\\|")
+    return environment.get_template("report.md.j2").render(report=report, figures=FIGURES)
+
+
+def _environment(*, autoescape: bool) -> Environment:
+    return Environment(
+        loader=PackageLoader("addressed_dynamics.reporting.common"),
+        autoescape=autoescape,  # the Markdown twin is no HTML
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+
+
+def _data_uri(content: bytes, picture_format: str) -> str:
+    return f"data:image/{picture_format};base64,{base64.b64encode(content).decode('ascii')}"

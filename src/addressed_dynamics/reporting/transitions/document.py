@@ -1,0 +1,191 @@
+"""The report as a whole: which sections, tables and figures, in which order."""
+
+from __future__ import annotations
+
+from addressed_dynamics.reporting.common.blocks import Block, Links, Report, Section, Text
+from addressed_dynamics.reporting.common.figures import curves, histograms, specialisation
+from addressed_dynamics.reporting.common.numbers import listed, percent, scientific
+from addressed_dynamics.reporting.common.paper import CITATION, PaperFigures
+from addressed_dynamics.reporting.common.results import Results
+from addressed_dynamics.reporting.common.targets import judge_targets
+from addressed_dynamics.reporting.transitions import rollout_tables, tables
+from addressed_dynamics.reporting.transitions.animation.rollouts import animations
+from addressed_dynamics.reporting.transitions.claims import claims_table, specialists_table
+from addressed_dynamics.reporting.transitions.figures import comparison, episodes, members, physics
+from addressed_dynamics.reporting.transitions.figures.angles import angle_forms
+from addressed_dynamics.reporting.transitions.origin import Origin, run_facts
+from addressed_dynamics.reporting.transitions.quality import quality_blocks
+from addressed_dynamics.reporting.transitions.recipes import recipes_table
+from addressed_dynamics.reporting.transitions.verdict import findings, verdict
+from addressed_dynamics.training.epochs import updates_per_epoch
+
+
+def build_report(results: Results, origin: Origin, paper: PaperFigures | None) -> Report:
+    """Put the report together.
+
+    Args:
+        results: what was measured.
+        origin: where it comes from.
+        paper: what the paper reports on the same experiment, if it does.
+    """
+    evaluation = results.evaluation
+    targets = judge_targets(evaluation, paper, transitions=results.data.transitions) if paper else ()
+    held_against = " and held against the paper" if paper else ""
+    sections = (
+        Section("What was run", (run_facts(origin, evaluation.delivered.seed),)),
+        Section("The data", _data_blocks(results)),
+        Section("Data quality", quality_blocks(results.data)),
+        Section("Table 1" if paper and paper.networks else "Subnetworks", _table_blocks(results, paper)),
+        Section("Addressing", _addressing_blocks(results, origin)),
+        Section("Specialisation", _specialisation_blocks(results, paper)),
+        Section("One step ahead", _one_step_blocks(results, origin, paper)),
+        Section("Rollouts", _rollout_blocks(results, origin, paper)),
+        Section("The two recipes", (both,) if (both := recipes_table(evaluation, origin.settings)) else ()),
+        Section("Seeds", _seed_blocks(results)),
+        Section("Training", _training_blocks(results)),
+        Section("Runs", (Links("Runs in MLflow that made these models", origin.runs),) if origin.runs else ()),
+        Section("Source", (Text((CITATION,)),)),
+    )
+    return Report(
+        title=origin.title,
+        subtitle=f"An error-based addressing architecture, learned from logs{held_against}",
+        verdict=verdict(evaluation, targets, paper),
+        findings=findings(evaluation, paper),
+        targets=tables.target_table(targets, paper, results.data.transitions),
+        sections=tuple(section for section in sections if section.blocks),
+    )
+
+
+def headline(results: Results, paper: PaperFigures | None) -> dict[str, float]:
+    """Return the figures that a table of runs should show."""
+    evaluation = results.evaluation
+    metrics = {
+        "agreement": evaluation.table.agreement,
+        "misclassified_per_thousand": evaluation.table.misclassified_per_thousand,
+        "regret/mean": evaluation.table.regret.mean,
+        "loss/test": evaluation.own.one_step.scaled.mean,
+    }
+    if paper:
+        targets = judge_targets(evaluation, paper, transitions=results.data.transitions)
+        metrics["targets/reached"] = float(sum(target.met is True for target in targets))
+    if evaluation.own.rollouts:
+        metrics |= {
+            f"rollout_mse/{name}": spread.median for name, spread in evaluation.own.rollouts.all.mse.items() if spread
+        }
+    return metrics
+
+
+def _data_blocks(results: Results) -> tuple[Block, ...]:
+    data = results.data
+    coverage, per_dimension = data.coverage, data.coverage.per_dimension
+    cells = listed([f"{percent(share, 0)} of {name}" for name, share in per_dimension.items()])
+    plane = "" if coverage.plane is None else f" and {percent(coverage.plane, 0)} of the plane"
+    learners = [name for name, segment in data.segments.items() if segment.behaviour == "dqn"]
+    sentences = [
+        f"{data.transitions:,} transitions were recorded. In a grid of {coverage.cells_per_dimension} cells per "
+        f"dimension they visit {cells}{plane}. {percent(data.duplicates.share)} of them repeat an earlier state and "
+        "action."
+    ]
+    for name in learners:
+        share = data.segments[name].goal_share_last_100
+        if share is not None:
+            sentences.append(
+                f"The DQN of segment {name} reaches the goal in {percent(share, 0)} of its last 100 episodes."
+            )
+    figure = curves.learner_returns(results.learner, learners)
+    return (Text((" ".join(sentences),)), tables.segment_table(data), *([figure] if figure else []))
+
+
+def _table_blocks(results: Results, paper: PaperFigures | None) -> tuple[Block, ...]:
+    figure = members.loss_profiles(results.arrays)
+    return (tables.paper_table(results.evaluation, paper), *([figure] if figure else []))
+
+
+def _addressing_blocks(results: Results, origin: Origin) -> tuple[Block, ...]:
+    if len(results.evaluation.table.members) < 2:
+        return ()
+    figure = members.state_maps(results.arrays, origin.features.spaces, origin.features.angles)
+    return (
+        Text((_why_delivered(results, origin.addressing.deliver),)),
+        tables.variants_table(results.evaluation),
+        tables.confusion_table(results.evaluation.table),
+        *([figure] if figure else []),
+    )
+
+
+def _why_delivered(results: Results, deliver: str) -> str:
+    seed, variant = results.evaluation.delivered.seed, results.evaluation.delivered.variant
+    title = variant.replace("_", "-")
+    if deliver != "best":
+        return f"Delivered is the {title} addressing network, because the params file asks for it."
+    regrets = {
+        name.partition("/")[2]: float(metrics["regret/mean"])
+        for name, metrics in results.addressing.validation.items()
+        if name.startswith(f"seed-{seed}/") and "regret/mean" in metrics
+    }
+    others = [f"{name.replace('_', '-')}: {scientific(value)}" for name, value in regrets.items() if name != variant]
+    if variant not in regrets or not others:
+        return f"Delivered is the {title} addressing network, the only one that was trained."
+    return (
+        f"Delivered is the {title} addressing network, because its mean regret on validation episodes is the lowest: "
+        f"{scientific(regrets[variant])} ({'; '.join(others)}). The test episodes had no part in the choice."
+    )
+
+
+def _specialisation_blocks(results: Results, paper: PaperFigures | None) -> tuple[Block, ...]:
+    evaluation = results.evaluation
+    found = evaluation.specialisation
+    if len(evaluation.table.members) < 2:
+        return ()
+    return (
+        specialisation.samples_by_member(found, paper.agreement if paper else None),
+        specialisation.mean_losses(found, evaluation.baseline_losses),
+        histograms.loss_histograms(found),
+        histograms.output_histograms(found),
+    )
+
+
+def _one_step_blocks(results: Results, origin: Origin, paper: PaperFigures | None) -> tuple[Block, ...]:
+    features, evaluation = origin.features, results.evaluation
+    updates = {name: int(metrics["updates"]) for name, metrics in results.baselines.items() if "updates" in metrics}
+    recipe, train = origin.ensemble, results.data.splits.get("train")
+    if train:
+        per_epoch = updates_per_epoch(train.transitions, recipe.members, recipe.batch_size)
+        updates["ensemble"] = recipe.epochs * per_epoch
+    stated = (claims_table(evaluation, paper.angles),) if paper and paper.angles else ()
+    return (
+        *stated,
+        tables.one_step_table(evaluation, updates, paper),
+        comparison.candidates(evaluation, features.spaces.observation),
+        episodes.one_step_prediction(results.arrays, features.spaces.observation, features.angles),
+        *((angle_forms(features.angle_from),) if features.angles else ()),
+    )
+
+
+def _rollout_blocks(results: Results, origin: Origin, paper: PaperFigures | None) -> tuple[Block, ...]:
+    dimensions, evaluation = origin.features.spaces.observation, results.evaluation
+    mechanics: tuple[Block, ...] = ()
+    if found := evaluation.rollouts.physics:
+        mechanics = (
+            rollout_tables.lost_table(evaluation, found),
+            physics.angles_and_energy(results.horizon, found),
+            rollout_tables.energy_table(evaluation, found),
+        )
+    return (
+        *rollout_tables.rollout_tables(evaluation, paper),
+        *mechanics,
+        episodes.error_against_horizon(results.horizon["all"], dimensions),
+        *((film,) if (film := animations(results.arrays, origin.features.spaces)) else ()),
+        episodes.rollouts(results.arrays, dimensions, results.evaluation.rollouts.kind),
+    )
+
+
+def _seed_blocks(results: Results) -> tuple[Block, ...]:
+    beside_one = specialists_table(results.evaluation)
+    seeds = tables.seed_table(results.evaluation, results.addressing.delivered)
+    return (seeds, *([beside_one] if beside_one else []))
+
+
+def _training_blocks(results: Results) -> tuple[Block, ...]:
+    figure = curves.addressing_training(results.addressing_curves, str(results.evaluation.delivered.seed))
+    return (curves.ensemble_training(results.ensemble_curves), *([figure] if figure else []))

@@ -1,0 +1,235 @@
+"""The report's tables."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from addressed_dynamics.reporting.common.blocks import Column, Row, Table
+from addressed_dynamics.reporting.common.numbers import (
+    MISSING,
+    as_printed,
+    count,
+    listed,
+    millionths,
+    percent,
+    scientific,
+    significant,
+)
+from addressed_dynamics.reporting.common.paper import AngleFigures, PaperFigures
+from addressed_dynamics.reporting.common.records import (
+    AddressingResult,
+    DataResult,
+    Evaluation,
+    MemberResult,
+)
+from addressed_dynamics.reporting.common.targets import Target
+from addressed_dynamics.reporting.transitions.rollout_tables import median_mse, row_kind
+
+
+def target_table(targets: Sequence[Target], paper: PaperFigures | None, transitions: int) -> Table:
+    """Return what was to be reached and what was."""
+    words = {True: "reached", False: "missed", None: "open"}
+    rows = [Row((each.name, each.wanted, each.found, words[each.met]), words[each.met]) for each in targets]
+    columns = (
+        Column("Figure", numeric=False),
+        Column("Target", numeric=False),
+        Column("Here"),
+        Column("", numeric=False),
+    )
+    if paper is None or paper.angles is None:
+        caption = (
+            "What the paper reports, as targets for the delivered model on held-out episodes. The paper gives one "
+            "rollout figure for each dimension; that of the velocity is held against rollouts without wall contact, "
+            "because a contact one step late costs more than a whole rollout without one."
+        )
+    else:
+        caption = (
+            "Targets for the delivered model on held-out episodes, beside what the paper reports. The paper does not "
+            "say whether its errors are squared or absolute; both are given (MSE, MAE). "
+            f"{_scale(paper.angles, transitions)}"
+        )
+    return Table(caption, columns, tuple(rows))
+
+
+def _scale(angles: AngleFigures, transitions: int) -> str:
+    if transitions >= angles.transitions:
+        return f"With {transitions:,} recorded transitions, these are the targets of the paper's scale."
+    return (
+        f"With {transitions:,} recorded transitions, where the paper has {angles.transitions:,}, the targets are those "
+        "of the quick scale."
+    )
+
+
+def paper_table(evaluation: Evaluation, paper: PaperFigures | None) -> Table:
+    """Return the delivered model's Table 1, beside the paper's if there is one."""
+    columns = (
+        Column("Network", numeric=False),
+        Column("selected", "mean loss, 10⁻⁶"),
+        Column("not selected", "mean loss, 10⁻⁶"),
+        Column("per thousand", "misclassified"),
+        Column("median", "their loss, 10⁻⁶"),
+        Column("mean", "their loss, 10⁻⁶"),
+        Column("max", "their loss, 10⁻⁶"),
+    )
+    rows = [
+        Row(
+            (
+                f"the paper, network {index}",
+                *(as_printed(loss, 1e-6) for loss in (network.selected, network.not_selected)),
+                as_printed(network.misclassified_per_thousand),
+                *(as_printed(loss, 1e-6) for loss in (network.median, network.mean, network.highest)),
+            ),
+            "reference",
+        )
+        for index, network in enumerate(paper.networks if paper else (), start=1)
+    ]
+    where = "here, network" if rows else "network"
+    rows += [_member_row(f"{where} {k}", member) for k, member in enumerate(evaluation.table.members, start=1)]
+    which = (
+        "Table 1 of the paper, and the same for the delivered model"
+        if paper and paper.networks
+        else "The delivered model"
+    )
+    caption = (
+        f"{which} (seed {evaluation.delivered.seed}, "
+        f"{evaluation.delivered.variant.replace('_', '-')} addressing) on {evaluation.table.samples:,} transitions of "
+        f"{evaluation.test.episodes:,} held-out episodes: {evaluation.loss.upper()} of states scaled to [0, 1] of "
+        "each network on the points for which the addressing network selects it, and on the others; and the points "
+        "for which it is selected although another network is better, per thousand of all points. The numbering is "
+        "arbitrary."
+    )
+    return Table(caption, columns, tuple(rows))
+
+
+def _member_row(title: str, member: MemberResult) -> Row:
+    wrong = member.misclassified
+    losses = map(millionths, (wrong.median, wrong.mean, wrong.max)) if wrong.per_thousand else (MISSING,) * 3
+    cells = (title, millionths(member.selected), millionths(member.not_selected), significant(wrong.per_thousand))
+    return Row((*cells, *losses), "own")
+
+
+def variants_table(evaluation: Evaluation) -> Table:
+    """Return plain and cost-sensitive addressing side by side, for every seed."""
+    columns = (
+        Column("Addressing", numeric=False),
+        Column("agreement"),
+        Column("misclassified, ‰"),
+        Column("mean", "regret"),
+        Column("p99", "regret"),
+        Column("max", "regret"),
+        *(Column(f"network {k + 1}", "share of samples") for k in range(len(evaluation.table.members))),
+    )
+    rows = [
+        Row(
+            (f"{variant.replace('_', '-')}, seed {seed}", *_addressing_cells(table)),
+            "own" if (int(seed), variant) == (evaluation.delivered.seed, evaluation.delivered.variant) else "",
+        )
+        for seed, tables in evaluation.seeds.items()
+        for variant, table in tables.items()
+    ]
+    caption = (
+        "The paper's addressing network (plain cross-entropy) and the cost-sensitive one, on the same held-out "
+        "transitions. Agreement: share for which the best network is selected. Regret: loss of the selected network "
+        "minus loss of the best, over all transitions. The delivered one stands out."
+    )
+    return Table(caption, columns, tuple(rows))
+
+
+def _addressing_cells(table: AddressingResult) -> tuple[str, ...]:
+    regret = (scientific(value) for value in (table.regret.mean, table.regret.p99, table.regret.max))
+    shares = (percent(member.share) for member in table.members)
+    return (percent(table.agreement), significant(table.misclassified_per_thousand), *regret, *shares)
+
+
+def confusion_table(table: AddressingResult) -> Table:
+    """Return how often each network is the best and which one is selected then."""
+    members = range(1, len(table.members) + 1)
+    columns = (Column("Best", numeric=False), *(Column(f"network {k}", "selected") for k in members))
+    rows = [Row((f"network {k}", *map(count, row))) for k, row in zip(members, table.confusion, strict=True)]
+    caption = f"Confusion of the delivered addressing network: counts of {table.samples:,} held-out transitions."
+    return Table(caption, columns, tuple(rows))
+
+
+def one_step_table(evaluation: Evaluation, updates: Mapping[str, int], paper: PaperFigures | None) -> Table:
+    """Return the one-step errors of all candidates."""
+    dimensions = evaluation.own.one_step.dimensions
+    columns = (
+        Column("Model", numeric=False),
+        Column("parameters"),
+        Column("updates"),
+        *(Column(name, f"{evaluation.loss.upper()}, scaled states") for name in ("mean", "median", "p99", "max")),
+        *(
+            Column(f"{each.name}, {each.unit}" if each.unit else each.name, "mean absolute error")
+            for each in dimensions
+        ),
+    )
+    rows = []
+    for name, candidate in evaluation.candidates.items():
+        scaled = candidate.one_step.scaled
+        steps = updates.get(name, updates.get("ensemble") if name.startswith("ensemble/") else None)
+        cells = [candidate.label, count(candidate.parameters), MISSING if steps is None else count(steps)]
+        cells += map(scientific, (scaled.mean, scaled.median, scaled.p99, scaled.max))
+        cells += [scientific(each.absolute.mean) for each in candidate.one_step.dimensions]
+        rows.append(Row(tuple(cells), row_kind(name)))
+    caption = (
+        f"One step ahead, all candidates on the same {evaluation.test.transitions:,} held-out transitions. The first "
+        "line picks the best network with knowledge of the truth, so it bounds what addressing can reach. Parameters "
+        "include the addressing network where one is used; updates are those of the predicting networks, each update "
+        "with one batch for every network."
+    )
+    if paper and paper.wide_network_fails and (wide := evaluation.baseline("wide")):
+        caption += (
+            " One network of three layers of 512 is the paper's own comparison, which it says was unable to learn the "
+            f"dynamics; here it is '{wide[0].label}'."
+        )
+    return Table(caption, columns, tuple(rows))
+
+
+def seed_table(evaluation: Evaluation, delivered: Mapping[str, str]) -> Table:
+    """Return the spread over seeds of the ensembles, with the delivered addressing of each."""
+    candidates = evaluation.own_seeds
+    names = list(evaluation.own.rollouts.all.mse) if evaluation.own.rollouts else []
+    columns = (
+        Column("Seed", numeric=False),
+        Column("mean", "one step, scaled states"),
+        Column("median", "one step, scaled states"),
+        *(Column(name, "rollouts, median MSE") for name in names),
+        Column("agreement"),
+        Column("misclassified, ‰"),
+    )
+    rows = []
+    for seed, candidate in zip(evaluation.seeds, candidates, strict=True):
+        table = evaluation.seeds[seed][delivered[seed]]
+        cells = [seed, scientific(candidate.one_step.scaled.mean), scientific(candidate.one_step.scaled.median)]
+        cells += [median_mse(candidate.rollouts.all, name) if candidate.rollouts else MISSING for name in names]
+        cells += [percent(table.agreement), significant(table.misclassified_per_thousand)]
+        rows.append(Row(tuple(cells), "own" if seed == str(evaluation.delivered.seed) else ""))
+    return Table(
+        "Spread over seeds: from each, one ensemble and the addressing network chosen for it on validation episodes.",
+        columns,
+        tuple(rows),
+    )
+
+
+def segment_table(data: DataResult) -> Table:
+    """Return what was recorded; whether the goal was reached, if an agent learned to reach it."""
+    learned = any(segment.behaviour == "dqn" for segment in data.segments.values())
+    columns = [
+        Column("Segment", numeric=False),
+        Column("behaviour", numeric=False),
+        Column("transitions"),
+        Column("episodes"),
+    ]
+    rows = [[name, each.behaviour, count(each.transitions), count(each.count)] for name, each in data.segments.items()]
+    splits = listed(
+        [f"{each.episodes:,} ({each.transitions:,} transitions) for {name}" for name, each in data.splits.items()]
+    )
+    caption = f"What was recorded. Episodes are kept whole when the data is split: {splits}."
+    if learned:
+        columns.append(Column("goal reached, last 100"))
+        for row, segment in zip(rows, data.segments.values(), strict=True):
+            row.append(percent(segment.goal_share_last_100, 0))
+        caption += (
+            " The share that reaches the goal is 0 by design in segments whose environment does not end at the goal."
+        )
+    return Table(caption, tuple(columns), tuple(Row(tuple(row)) for row in rows))

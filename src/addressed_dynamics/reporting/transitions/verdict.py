@@ -1,0 +1,169 @@
+"""The verdict: from numbers to sentences that follow from them, favourable or not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from statistics import mean
+
+from addressed_dynamics.reporting.common.comparison import MARGIN, MOST_NUMBERS, beats, compare
+from addressed_dynamics.reporting.common.numbers import (
+    in_words,
+    listed,
+    percent,
+    power_of_ten,
+    scientific,
+    significant,
+    times,
+)
+from addressed_dynamics.reporting.common.paper import AngleFigures, PaperFigures
+from addressed_dynamics.reporting.common.records import AddressingResult, Evaluation
+from addressed_dynamics.reporting.common.targets import Target, separation
+from addressed_dynamics.reporting.transitions.baseline_findings import baseline_findings
+from addressed_dynamics.reporting.transitions.rollout_tables import lost_sentence
+
+
+def verdict(evaluation: Evaluation, targets: Sequence[Target], paper: PaperFigures | None) -> str:
+    """Return the result in two sentences."""
+    sentences = []
+    what = "figures taken from the paper" if paper and paper.table else "targets"
+    if targets:
+        met, unknown = (sum(target.met is state for target in targets) for state in (True, None))
+        how_many = "all" if met == len(targets) else in_words(met)
+        rest = f"; {in_words(unknown)} could not be measured" if unknown else ""
+        sentences.append(f"The model reaches {how_many} of the {in_words(len(targets))} {what}{rest}.")
+    single = evaluation.baseline("total_parameters")
+    if single:
+        subject = "It" if targets else "The model"
+        relation = beats(compare(evaluation.own_seeds, single))
+        sentences.append(f"{subject} {relation} one network of the same size that was trained as long.")
+    return " ".join(sentences) or "There is nothing to hold the model against."
+
+
+def findings(evaluation: Evaluation, paper: PaperFigures | None) -> tuple[str, ...]:
+    """Return the sentences that the verdict rests on.
+
+    Args:
+        evaluation: what was measured.
+        paper: what the paper reports on this experiment; None if nothing.
+    """
+    own = evaluation.own_seeds
+    sentences = [_one_step(evaluation)]
+    if paper and paper.angles:
+        sentences.append(_angles(evaluation, paper.angles))
+    sentences += [_specialisation(evaluation.table), _addressing(evaluation)]
+    if paper and paper.agreement is not None:
+        train, test = evaluation.specialisation.train.agreement, evaluation.specialisation.test.agreement
+        sentences.append(
+            f"On the training points the selected subnetwork has the lowest loss for {percent(train)} of them, where "
+            f"the paper has {percent(paper.agreement)}; on held-out episodes for {percent(test)}."
+        )
+    if evaluation.own.rollouts is not None:
+        sentences.append(_rollouts(evaluation))
+    sentences += baseline_findings(evaluation, paper)
+    if len(own) > 1:
+        means = [candidate.one_step.scaled.mean for candidate in own]
+        sentences.append(
+            f"From {len(own)} seeds the mean one-step {evaluation.loss.upper()} lies between {scientific(min(means))} "
+            f"and {scientific(max(means))}."
+        )
+    if len(evaluation.candidates) > len(own):
+        sentences.append(
+            "Comparisons are of medians over seeds; an error counts as lower if it is so from every seed and by more "
+            f"than {percent(MARGIN - 1, 0)}."
+        )
+    return tuple(sentences)
+
+
+def _one_step(evaluation: Evaluation) -> str:
+    scaled = evaluation.own.one_step.scaled
+    text = (
+        f"One step ahead, on {evaluation.test.transitions:,} transitions of {evaluation.test.episodes:,} held-out "
+        f"episodes, the mean {evaluation.loss.upper()} of states scaled to [0, 1] is {scientific(scaled.mean)} and "
+        f"the median {scientific(scaled.median)}"
+    )
+    oracle = evaluation.candidates.get("ensemble/oracle")
+    if oracle is None or not oracle.one_step.scaled.mean:
+        return f"{text}."
+    best = oracle.one_step.scaled.mean
+    ratio = scaled.mean / best
+    cost = f", {times(ratio)} lower" if ratio >= MARGIN else ", about the same"
+    return f"{text}; with the best subnetwork always picked the mean would be {scientific(best)}{cost}."
+
+
+def _specialisation(table: AddressingResult) -> str:
+    unused = [str(index + 1) for index, member in enumerate(table.members) if member.selected is None]
+    if unused:
+        which = f"Subnetwork {unused[0]} is" if len(unused) == 1 else f"Subnetworks {listed(unused)} are"
+        return f"{which} never selected: addressing does not use the whole ensemble."
+    ratios = [ratio for member in table.members if (ratio := separation(member)) is not None]
+    if not ratios:
+        return "The ensemble has one subnetwork, which serves all samples."
+    low, high = (significant(reduce(ratios), 2) for reduce in (min, max))
+    extent = f"{low} times" if low == high else f"{low} to {high} times"
+    special = sum(ratio >= 2 for ratio in ratios)
+    subject = "The subnetworks specialise"
+    if not special:
+        subject = "The subnetworks hardly specialise"
+    elif special < len(ratios):
+        plural = "specialises" if special == 1 else "specialise"
+        subject = f"Of the {in_words(len(ratios))} subnetworks {in_words(special)} {plural}"
+    return f"{subject}: on samples for which they are not selected their error is {extent} as large."
+
+
+def _addressing(evaluation: Evaluation) -> str:
+    table = evaluation.table
+    return (
+        f"The addressing network ({evaluation.delivered.variant.replace('_', '-')}) selects the best subnetwork for "
+        f"{percent(table.agreement)} of the samples; its other choices raise the mean error by "
+        f"{scientific(table.regret.mean)}, and the worst single one by {scientific(table.regret.max)}."
+    )
+
+
+def _rollouts(evaluation: Evaluation) -> str:
+    rollouts = evaluation.own.rollouts
+    assert rollouts is not None
+    recorded = evaluation.rollouts.kind == "recorded"
+    free, wall = (None if recorded else rollouts.groups.get(name) for name in ("no_wall", "wall"))
+    parts = []
+    for name, spread in rollouts.all.mse.items():
+        apart = ""
+        if free and wall and (without := free.mse.get(name)) and (contact := wall.mse.get(name)):
+            apart = f" ({scientific(without.median)} without wall contact, {scientific(contact.median)} with it)"
+        if spread is not None:
+            parts.append(f"{scientific(spread.median)} for the {name}{apart}")
+    if len(parts) > MOST_NUMBERS:
+        known = {name: spread.median for name, spread in rollouts.all.mse.items() if spread is not None}
+        low, high = (reduce(known, key=lambda name: known[name]) for reduce in (min, max))
+        parts = [f"between {scientific(known[low])} ({low}) and {scientific(known[high])} ({high})"]
+    several = rollouts.all.episodes > 1
+    number = f"{rollouts.all.episodes:,} free-running rollouts" if several else "a free-running rollout"
+    which = f", {wall.episodes:,} of them with wall contact," if wall else ""
+    if recorded:
+        which = f" of {evaluation.rollouts.steps:,} steps beside held-out episodes"
+    physics = evaluation.rollouts.physics
+    lost = f" {lost_sentence(evaluation, physics)}" if physics else ""
+    return f"In {number}{which} the median MSE is {listed(parts)}{_leaving(rollouts.left_bounds_share)}.{lost}"
+
+
+def _leaving(share: float | None) -> str:
+    if share is None:
+        return ""
+    return f"; {percent(share) if share else 'none'} of them leave{'' if share else 's'} the bounds of the state space"
+
+
+def _angles(evaluation: Evaluation, angles: AngleFigures) -> str:
+    """Hold the errors that the paper states against those measured, squared and absolute: it does not say which."""
+    one_step = evaluation.own.one_step
+    parts = []
+    for what, names, unit, square, reported in (
+        ("cosines and sines", angles.direction_names, "", "", angles.direction_error),
+        ("angles", angles.angle_names, " rad", " rad²", angles.angle_error),
+        ("velocities", angles.velocity_names, " rad/s", " (rad/s)²", angles.velocity_error),
+    ):
+        found = one_step.named(names)
+        absolute, squared = (mean([getattr(each, kind).mean for each in found]) for kind in ("absolute", "squared"))
+        parts.append(
+            f"{what} {scientific(absolute)}{unit} and {scientific(squared)}{square} (the paper: about "
+            f"{power_of_ten(reported)})"
+        )
+    return f"One step ahead, mean absolute error and mean square: {'; '.join(parts)}."

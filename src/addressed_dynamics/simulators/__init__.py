@@ -1,0 +1,1 @@
+"""Trained models as one uses them: predictions, rollouts, export."""

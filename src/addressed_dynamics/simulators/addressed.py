@@ -1,0 +1,204 @@
+"""AddressedDynamics: the learned simulator, an ensemble and the network that addresses it (the paper, Section 2)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal, TypeVar
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int64
+from torch import Tensor
+
+from addressed_dynamics.base.errors import ModelError
+from addressed_dynamics.features.transitions.spec import FeatureSpec
+from addressed_dynamics.networks.addressing import addressed_members, addressing_scores
+from addressed_dynamics.networks.files import addressed_folders, load_network
+from addressed_dynamics.networks.stacked import StackedMLP
+
+Mode = Literal["argmax", "sample", "mixture", "blend"]
+MODES: tuple[Mode, ...] = ("argmax", "sample", "mixture", "blend")
+"""How the addressing network's outputs are used; `argmax` is the paper's, the others are its future work."""
+
+Array = TypeVar("Array", np.ndarray, Tensor)
+
+
+class AddressedDynamics:
+    """A learned simulator: from states and actions to next states, in the environment's units."""
+
+    def __init__(self, features: FeatureSpec, ensemble: StackedMLP, addressing: StackedMLP | None = None) -> None:
+        """Put a model together.
+
+        Args:
+            features: what the networks' inputs and outputs mean.
+            ensemble: n networks from inputs to targets.
+            addressing: one network with n outputs, or n heads of one output on a trunk that they share; not needed if
+                there is only one member.
+
+        Raises:
+            ModelError: the networks do not fit each other or the features.
+        """
+        if (ensemble.widths[0], ensemble.widths[-1]) != (features.inputs, features.outputs):
+            message = (
+                f"the ensemble maps {ensemble.widths[0]} inputs to {ensemble.widths[-1]} outputs, "
+                f"but the features have {features.inputs} and {features.outputs}"
+            )
+            raise ModelError(message)
+        if addressing is None and ensemble.members > 1:
+            message = f"an ensemble of {ensemble.members} members needs an addressing network"
+            raise ModelError(message)
+        if addressing is not None and (addressing.widths[0], addressed_members(addressing)) != (
+            features.inputs,
+            ensemble.members,
+        ):
+            message = (
+                f"the addressing network should be one network with {features.inputs} inputs and {ensemble.members} "
+                f"outputs, or {ensemble.members} heads of one output, "
+                f"but is {addressing.members} with {addressing.widths[0]} and {addressing.widths[-1]}"
+            )
+            raise ModelError(message)
+        self.features = features
+        self.ensemble = ensemble
+        self.addressing = addressing
+
+    @staticmethod
+    def load(folder: str | Path, *, seed: int | None = None, variant: str | None = None) -> AddressedDynamics:
+        """Load a trained model.
+
+        Args:
+            folder: an experiment's model folder, for instance `data/models/mountaincar`.
+            seed: which of the trained seeds; None for the first, which is the one delivered.
+            variant: which addressing network, `plain` or `cost_sensitive`; None for the one delivered.
+
+        Raises:
+            ModelError: a file is missing or damaged, or the seed or variant was not trained.
+        """
+        folder = Path(folder)
+        if not folder.is_dir():
+            message = f"{folder}: no such model folder; 'dvc repro' trains it, 'dvc checkout' brings it back"
+            raise ModelError(message)
+        ensemble_folder, addressing_folder = addressed_folders(folder, seed, variant)
+        ensemble = load_network(ensemble_folder)
+        return AddressedDynamics(ensemble.features, ensemble.stack, load_network(addressing_folder).stack)
+
+    @torch.no_grad()
+    def predict(
+        self, observation: Array, action: Array, mode: Mode = "argmax", *, generator: torch.Generator | None = None
+    ) -> Array:
+        """Return the states after the actions.
+
+        A model with a history of H > 1 frames (`features.history`) is given H states in a row and the action taken in
+        each, oldest first; what it returns follows the last.
+
+        Args:
+            observation: states, (B, d_obs) or (B, H, d_obs), in the environment's units; an array or a tensor.
+            action: (B,) or (B, H) integers if the actions are discrete, else (B, d_act) or (B, H, d_act) in the
+                environment's units.
+            mode: `argmax`: the member with the highest output; `sample`: a member drawn with the outputs' softmax as
+                probabilities; `mixture`: the members' outputs weighted by them; `blend`: the output of a network whose
+                parameters are weighted by them.
+            generator: source of randomness for `sample`; None for torch's own.
+
+        Returns:
+            Next states, (B, d_obs), float32, of the same kind as `observation`.
+
+        Raises:
+            ModelError: a shape or the mode is wrong, or a discrete action does not exist.
+        """
+        states = _as_tensor(observation)
+        predicted = self._predict(states, _as_tensor(action), mode, generator)
+        return predicted.numpy() if isinstance(observation, np.ndarray) else predicted
+
+    @torch.no_grad()
+    def rollout(
+        self, observation: Array, actions: Array, mode: Mode = "argmax", *, generator: torch.Generator | None = None
+    ) -> Array:
+        """Return the states after each of T actions, every state predicted from those predicted before it.
+
+        Args:
+            observation: first states, (B, d_obs), in the environment's units; an array or a tensor. With a history of
+                H > 1 frames (B, H, d_obs), oldest first.
+            actions: (B, T) integers if the actions are discrete, else (B, T, d_act) in the environment's units. With a
+                history (B, H - 1 + T) or (B, H - 1 + T, d_act): action h is taken in frame h.
+            mode: as in `predict`.
+            generator: as in `predict`.
+
+        Returns:
+            States, (B, T, d_obs), float32, of the same kind as `observation`.
+
+        Raises:
+            ModelError: a shape or the mode is wrong, or a discrete action does not exist.
+        """
+        state, steps = _as_tensor(observation).to(torch.float32), _as_tensor(actions)
+        self.features.check_observation(state)
+        history = self.features.history
+        if steps.ndim < 2 or len(steps) != len(state) or steps.shape[1] < history - 1:
+            length = "T" if history == 1 else f"{history - 1} + T"
+            message = f"actions should have shape ({len(state)}, {length}, ...), but have {tuple(steps.shape)}"
+            raise ModelError(message)
+        states = torch.empty(len(state), steps.shape[1] - history + 1, len(self.features.spaces.observation))
+        for t in range(states.shape[1]):
+            action = steps[:, t] if history == 1 else steps[:, t : t + history]
+            states[:, t] = self._predict(state, action, mode, generator)
+            state = states[:, t] if history == 1 else torch.cat([state[:, 1:], states[:, t : t + 1]], dim=1)
+        return states.numpy() if isinstance(observation, np.ndarray) else states
+
+    @torch.no_grad()
+    def member_outputs(
+        self, observation: Float[Tensor, "sample ..."], action: Tensor
+    ) -> Float[Tensor, "member sample output"]:
+        """Return the outputs of every member, normalised as `features.encode_target` normalises targets."""
+        outputs: Tensor = self.ensemble(self.features.encode(observation, action))
+        return outputs
+
+    @torch.no_grad()
+    def decode(
+        self, output: Float[Tensor, "*member sample output"], observation: Float[Tensor, "sample ..."]
+    ) -> Float[Tensor, "*member sample observation"]:
+        """Return the next states that outputs mean, in the environment's units, for inputs as those of `predict`."""
+        last = observation if self.features.history == 1 else observation[:, -1]
+        return self.features.decode(output, last.to(torch.float32))
+
+    def member_predictions(
+        self, observation: Float[Tensor, "sample ..."], action: Tensor
+    ) -> Float[Tensor, "member sample observation"]:
+        """Return what every member predicts, in the environment's units."""
+        return self.decode(self.member_outputs(observation, action), observation)
+
+    def address(self, observation: Float[Tensor, "sample ..."], action: Tensor) -> Int64[Tensor, " sample"]:
+        """Return the member that the addressing network picks for each state and action."""
+        return self.probabilities(observation, action).argmax(dim=1)
+
+    @torch.no_grad()
+    def probabilities(self, observation: Float[Tensor, "sample ..."], action: Tensor) -> Float[Tensor, "sample member"]:
+        """Return the softmax of the addressing network's outputs; the member with the highest is selected."""
+        return self._probabilities(self.features.encode(observation, action))
+
+    def _predict(
+        self, observation: Tensor, action: Tensor, mode: Mode, generator: torch.Generator | None
+    ) -> Float[Tensor, "sample observation"]:
+        x = self.features.encode(observation, action)
+        probabilities = self._probabilities(x)
+        match mode:
+            case "argmax":
+                output = self.ensemble.forward_routed(x, probabilities.argmax(dim=1))
+            case "sample":
+                member = torch.multinomial(probabilities, 1, generator=generator).squeeze(1)
+                output = self.ensemble.forward_routed(x, member)
+            case "mixture":
+                output = (probabilities.T.unsqueeze(-1) * self.ensemble(x)).sum(dim=0)
+            case "blend":
+                output = self.ensemble.forward_blended(x, probabilities)
+            case _:
+                message = f"there is no addressing mode '{mode}' (modes: {', '.join(MODES)})"
+                raise ModelError(message)
+        return self.decode(output, observation)
+
+    def _probabilities(self, x: Float[Tensor, "sample input"]) -> Float[Tensor, "sample member"]:
+        if self.addressing is None:
+            return torch.ones(len(x), 1)
+        return torch.softmax(addressing_scores(self.addressing, x), dim=1)
+
+
+def _as_tensor(values: np.ndarray | Tensor) -> Tensor:
+    return values if isinstance(values, Tensor) else torch.from_numpy(np.array(values, order="C"))

@@ -1,0 +1,235 @@
+"""MotionModel: networks of motion, and what chooses or mixes them: an addressing network, or the phase."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any, Literal, TypeVar, get_args
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int64
+from torch import Tensor
+
+from addressed_dynamics.base.errors import ModelError
+from addressed_dynamics.base.files import atomic_path
+from addressed_dynamics.features.motion.features import MotionFeatures
+from addressed_dynamics.networks.addressing import addressed_members, addressing_scores
+from addressed_dynamics.networks.files import SavedNetwork, addressed_folders, load_motion_network, save_network
+from addressed_dynamics.networks.phase_functioned import CONTROL_POINTS, catmull_rom, load_released
+from addressed_dynamics.networks.stacked import StackedMLP
+
+MotionMode = Literal["argmax", "sample", "mixture", "blend", "phase"]
+"""How a frame's network is made of the members: the modes of `AddressedDynamics`, or by the phase, along a spline."""
+MOTION_MODES: tuple[MotionMode, ...] = get_args(MotionMode)
+
+Array = TypeVar("Array", np.ndarray, Tensor)
+
+
+class MotionModel:
+    """A learned model of motion: from the inputs of frames to their outputs, in the units of `motion.layout`."""
+
+    def __init__(
+        self,
+        features: MotionFeatures,
+        networks: StackedMLP,
+        addressing: StackedMLP | None = None,
+        *,
+        mode: MotionMode = "argmax",
+    ) -> None:
+        """Put a model together.
+
+        Args:
+            features: what the networks' inputs and outputs mean.
+            networks: the members, or the control points of a phase-functioned network.
+            addressing: one network with a score for each member, or heads on a trunk; None if there is only one member
+                or the phase decides.
+            mode: how `predict` uses them if it is not told. A phase-functioned network has no other mode than `phase`,
+                and no other network has that mode.
+
+        Raises:
+            ModelError: the networks do not fit each other, the features or the mode.
+        """
+        if (networks.widths[0], networks.widths[-1]) != (features.inputs, features.outputs):
+            message = (
+                f"the networks map {networks.widths[0]} inputs to {networks.widths[-1]} outputs, "
+                f"but the features have {features.inputs} and {features.outputs}"
+            )
+            raise ModelError(message)
+        if mode == "phase" and (addressing is not None or networks.members != CONTROL_POINTS):
+            message = f"a phase-functioned network has {CONTROL_POINTS} control points and no addressing network"
+            raise ModelError(message)
+        expected = (features.inputs, networks.members)
+        found = None if addressing is None else (addressing.widths[0], addressed_members(addressing))
+        if mode != "phase" and found != expected and (found is not None or networks.members > 1):
+            message = (
+                f"{networks.members} members need an addressing network from {expected[0]} inputs to {expected[1]} "
+                f"scores, but it is {'missing' if found is None else f'one from {found[0]} to {found[1]}'}"
+            )
+            raise ModelError(message)
+        self.features = features
+        self.networks = networks
+        self.addressing = addressing
+        self.mode: MotionMode = mode
+
+    @staticmethod
+    def load(folder: str | Path, *, seed: int | None = None, variant: str | None = None) -> MotionModel:
+        """Load what `save` wrote, or the ensemble in a folder of models that the training stages wrote.
+
+        Args:
+            folder: for instance `data/models/pfnn`.
+            seed: which of the ensembles; None for the first.
+            variant: which of its addressing networks; None for the one that is delivered.
+
+        Raises:
+            ModelError: a file is missing or damaged, or is of something else; there is no such seed or variant.
+        """
+        folder = Path(folder)
+        if not folder.is_dir():
+            message = f"{folder}: no such model folder; 'dvc repro' trains it, 'dvc checkout' brings it back"
+            raise ModelError(message)
+        if (folder / "ensemble").is_dir():
+            ensemble, addressing_folder = addressed_folders(folder, seed, variant)
+            trained = load_motion_network(ensemble)
+            return MotionModel(trained.features, trained.stack, load_motion_network(addressing_folder).stack)
+        network = load_motion_network(folder / "network")
+        mode = network.notes.get("mode")
+        if mode not in MOTION_MODES:
+            message = f"{folder / 'network' / 'config.json'}: no mode of a motion model ({mode}); train the model again"
+            raise ModelError(message)
+        has_addressing = (folder / "addressing").is_dir()
+        addressing = load_motion_network(folder / "addressing").stack if has_addressing else None
+        return MotionModel(network.features, network.stack, addressing, mode=mode)
+
+    @staticmethod
+    def load_released(path: str | Path) -> MotionModel:
+        """Load the phase-functioned network that its authors released, as `phase_functioned.load_released` does.
+
+        Raises:
+            ModelError: a file is missing or damaged.
+        """
+        network = load_released(Path(path))
+        return MotionModel(network.features, network.stack, mode="phase")
+
+    @property
+    def parameters(self) -> int:
+        """Number of weights and biases of all its networks, that of the addressing network included."""
+        return self.networks.parameters_total + (self.addressing.parameters_total if self.addressing else 0)
+
+    def save(self, folder: Path, notes: dict[str, Any]) -> None:
+        """Write the model into `folder`, which appears whole or not at all.
+
+        Args:
+            folder: where to.
+            notes: where the model comes from; JSON-compatible.
+        """
+        with atomic_path(folder) as temporary:
+            save_network(
+                temporary / "network", SavedNetwork(self.networks, self.features, {**notes, "mode": self.mode})
+            )
+            if self.addressing is not None:
+                save_network(temporary / "addressing", SavedNetwork(self.addressing, self.features, notes))
+
+    @torch.no_grad()
+    def predict(
+        self,
+        x: Array,
+        mode: MotionMode | None = None,
+        *,
+        phase: Array | None = None,
+        generator: torch.Generator | None = None,
+    ) -> Array:
+        """Return the outputs of frames.
+
+        Args:
+            x: inputs, (B, 342), in their own units; an array or a tensor.
+            mode: `argmax`: the member with the highest score; `sample`: a member drawn with the scores' softmax as
+                probabilities; `mixture`: the members' outputs weighted by them; `blend`: the output of a network whose
+                parameters are weighted by them; `phase`: by the spline at the phase. None for the model's own.
+            phase: phases, (B,), in cycles, if the mode is `phase`; of no use to the others.
+            generator: source of randomness for `sample`; None for torch's own.
+
+        Returns:
+            Outputs, (B, 311), in their own units, float32, of the same kind as `x`.
+
+        Raises:
+            ModelError: a shape or the mode is wrong, or there is no phase where one is needed.
+        """
+        raw = _as_tensor(x).to(torch.float32)
+        phases = None if phase is None else _as_tensor(phase).to(torch.float32)
+        y = self.features.decode(self._output(self.features.encode(raw), mode or self.mode, phases, generator), raw)
+        return y.numpy() if isinstance(x, np.ndarray) else y
+
+    def predictor(
+        self, mode: MotionMode | None = None, *, generator: torch.Generator | None = None
+    ) -> Callable[[Float[Tensor, "run 342"], Float[Tensor, " run"]], Float[Tensor, "run 311"]]:
+        """Return `predict` as what a closed loop asks for: a function of inputs and phases, which can be pickled."""
+        return partial(_predict, self, mode, generator)
+
+    @torch.no_grad()
+    def member_predictions(self, x: Float[Tensor, "row 342"]) -> Float[Tensor, "member row 311"]:
+        """Return what every member predicts, in the outputs' own units."""
+        return self.features.decode(self.networks(self.features.encode(x)), x)
+
+    @torch.no_grad()
+    def probabilities(self, x: Float[Tensor, "row 342"]) -> Float[Tensor, "row member"]:
+        """Return the softmax of the addressing network's scores.
+
+        Raises:
+            ModelError: the network is phase-functioned, and so has none.
+        """
+        return self._probabilities(self.features.encode(x))
+
+    def address(self, x: Float[Tensor, "row 342"]) -> Int64[Tensor, " row"]:
+        """Return the member that the addressing network picks for each frame."""
+        return self.probabilities(x).argmax(dim=1)
+
+    def _output(
+        self, x: Float[Tensor, "row input"], mode: MotionMode, phase: Tensor | None, generator: torch.Generator | None
+    ) -> Float[Tensor, "row output"]:
+        if (mode == "phase") != (self.mode == "phase"):
+            message = f"a model of mode '{self.mode}' has no mode '{mode}'"
+            raise ModelError(message)
+        match mode:
+            case "phase":
+                if phase is None or phase.shape != x.shape[:1]:
+                    found = "there is none" if phase is None else f"they have shape {tuple(phase.shape)}"
+                    message = f"a phase-functioned network needs phases of shape ({len(x)},), but {found}"
+                    raise ModelError(message)
+                return self.networks.forward_blended(x, catmull_rom(phase))
+            case "argmax":
+                return self.networks.forward_routed(x, self._probabilities(x).argmax(dim=1))
+            case "sample":
+                member = torch.multinomial(self._probabilities(x), 1, generator=generator).squeeze(1)
+                return self.networks.forward_routed(x, member)
+            case "mixture":
+                outputs: Tensor = self.networks(x)
+                return (self._probabilities(x).T.unsqueeze(-1) * outputs).sum(dim=0)
+            case "blend":
+                return self.networks.forward_blended(x, self._probabilities(x))
+            case _:
+                message = f"there is no mode '{mode}' (modes: {', '.join(MOTION_MODES)})"
+                raise ModelError(message)
+
+    def _probabilities(self, x: Float[Tensor, "row input"]) -> Float[Tensor, "row member"]:
+        if self.mode == "phase":
+            message = "a phase-functioned network has no addressing network, and so no probabilities"
+            raise ModelError(message)
+        if self.addressing is None:
+            return torch.ones(len(x), 1)
+        return torch.softmax(addressing_scores(self.addressing, x), dim=1)
+
+
+def _predict(
+    model: MotionModel,
+    mode: MotionMode | None,
+    generator: torch.Generator | None,
+    x: Float[Tensor, "run 342"],
+    phase: Float[Tensor, " run"],
+) -> Float[Tensor, "run 311"]:
+    return model.predict(x, mode, phase=phase, generator=generator)
+
+
+def _as_tensor(values: np.ndarray | Tensor) -> Tensor:
+    return values if isinstance(values, Tensor) else torch.from_numpy(np.array(values, order="C"))

@@ -1,0 +1,52 @@
+"""A model as one torch module from raw numbers to raw numbers, to be traced and served without this package."""
+
+from typing import final
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from addressed_dynamics.episodes.transitions import DiscreteAction
+from addressed_dynamics.networks.addressing import addressing_scores
+from addressed_dynamics.simulators.addressed import AddressedDynamics
+
+
+@final
+class PortableDynamics(nn.Module):
+    """Maps states and actions to next states, with the paper's addressing (the member with the highest output).
+
+    It evaluates every member and keeps the selected one's output, because a trace must not depend on the data; up to
+    rounding, the result is that of `AddressedDynamics.predict`. It checks nothing.
+    """
+
+    def __init__(self, model: AddressedDynamics) -> None:
+        super().__init__()
+        self.features = model.features
+        self.ensemble = model.ensemble
+        self.addressing = model.addressing
+        self.states = len(model.features.spaces.observation)
+        action = model.features.spaces.action
+        self.columns = self.states + (1 if isinstance(action, DiscreteAction) else len(action.dimensions))
+
+    def forward(self, inputs: Float[Tensor, "sample input"]) -> Float[Tensor, "sample observation"]:
+        """Return the next states, (B, d_obs).
+
+        Args:
+            inputs: states in the environment's units beside actions: one column with the action's number if actions
+                are discrete, (B, d_obs + 1), else one for each of its components, (B, d_obs + d_act). With a history,
+                so many columns for each frame, oldest first.
+        """
+        frames = inputs.reshape(-1, self.features.history, self.columns)
+        observation, action = frames[..., : self.states], frames[..., self.states :]
+        kind = self.features.spaces.action
+        if isinstance(kind, DiscreteAction):
+            action = (action.round() == torch.arange(kind.count)).to(torch.float32)
+        x = torch.cat([observation, action], dim=-1)
+        x = (x - torch.tensor(self.features.input_mean)) / torch.tensor(self.features.input_deviation)
+        x, last = self.features.join(x if self.features.history > 1 else x[:, 0]), observation[:, -1]
+        outputs = self.ensemble(x)
+        if self.addressing is None:
+            return self.features.decode(outputs[0], last)
+        selected = addressing_scores(self.addressing, x).argmax(dim=1)
+        chosen = nn.functional.one_hot(selected, self.ensemble.members).to(torch.float32).T.unsqueeze(-1)
+        return self.features.decode((outputs * chosen).sum(dim=0), last)

@@ -1,0 +1,1 @@
+"""From what was recorded or imported to episodes, for each kind of data."""

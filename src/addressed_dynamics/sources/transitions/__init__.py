@@ -1,0 +1,1 @@
+"""Transitions from logs: read, converted to tables."""

@@ -1,0 +1,340 @@
+"""From MCAP logs to Parquet tables with splits, statistics and a data report.
+
+The logs are read twice, each time one per process: first for their episodes, because the split of a short segment
+depends on all of its episodes; then to be written. Reading costs little, and no process ever holds a whole large log.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import reduce
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float64, UInt64
+
+from addressed_dynamics.base.errors import LogError, TableError
+from addressed_dynamics.base.files import atomic_path, write_json
+from addressed_dynamics.base.params.experiments import ConvertParams
+from addressed_dynamics.base.processes import OrderedMap, worker_processes
+from addressed_dynamics.episodes import SPLITS, Split, TransitionTable, assign_splits, table_writer
+from addressed_dynamics.episodes.coverage import Occupancy, count_duplicates, first_duplicate, row_fingerprints
+from addressed_dynamics.episodes.findings import Finding, find, findings_to_json, refuse_useless
+from addressed_dynamics.episodes.imports import ImportRecord, read_import_record
+from addressed_dynamics.episodes.index import Episode, write_episodes
+from addressed_dynamics.episodes.quality import Fences, Place, Quality, Tally, outlier_fences, outlier_sample
+from addressed_dynamics.episodes.statistics import Moments, Sample, column_names, column_values, moments_to_json
+from addressed_dynamics.episodes.summary import data_report, split_sizes, write_learner_curve
+from addressed_dynamics.episodes.transitions import SpaceSpec, Transitions
+from addressed_dynamics.logs import EpisodeRecord, LogContents, read_episodes
+
+LEARNER = "dqn"
+"""The behaviour whose episodes make the learning curve."""
+IMPORT_RECORD = "import.json"
+"""What the import of foreign logs counted, beside the logs that it wrote."""
+HISTORY = 1
+"""Steps of an episode that a model has to see before it can predict."""
+BLOCK_ROWS = 2**18
+"""Transitions of a log that are in memory at once, up to the end of an episode."""
+WORKER_BYTES = 8 * 2**20
+"""A worker process for every so many bytes of logs: to start one takes as long as to convert about half of them."""
+
+
+@dataclass(frozen=True)
+class _LogSummary:
+    """What the first reading of a log finds."""
+
+    log: Path
+    segment: str
+    behaviour: str
+    spec: SpaceSpec
+    episodes: tuple[EpisodeRecord, ...]
+    ranges: Moments
+    """Range of the observations, those after a step included."""
+    sample: Sample
+    """Some of the observations and actions, to tell outliers by."""
+
+    def merge(self, other: _LogSummary) -> _LogSummary:
+        """Add what a later block of the same log holds."""
+        return replace(
+            self,
+            episodes=self.episodes + other.episodes,
+            ranges=self.ranges.merge(other.ranges),
+            sample=self.sample.merge(other.sample),
+        )
+
+
+@dataclass(frozen=True)
+class _Job:
+    """One log to convert."""
+
+    log: Path
+    spec: SpaceSpec
+    target: Path
+    splits: dict[int, Split]
+    """The split of each episode in the log."""
+    segment: str
+    low: Float64[np.ndarray, " dimension"]
+    high: Float64[np.ndarray, " dimension"]
+    fences: Fences
+    """Where outliers begin."""
+    row_group_rows: int
+
+
+@dataclass(frozen=True)
+class _Figures:
+    """What the second reading adds to the statistics and the data report."""
+
+    columns: list[str]
+    train: Moments
+    occupancy: Occupancy
+    fingerprints: UInt64[np.ndarray, " step"]
+    """Eight bytes per transition, so that duplicates are found across logs."""
+    quality: Quality
+
+    def merge(self, other: _Figures) -> _Figures:
+        """Add the figures of a later block of the same log, but for the fingerprints."""
+        return replace(
+            self,
+            train=self.train.merge(other.train),
+            occupancy=self.occupancy.merge(other.occupancy),
+            quality=self.quality.merge(other.quality),
+        )
+
+
+def convert_recording(
+    recording: Path,
+    tables: Path,
+    reports: Path,
+    params: ConvertParams,
+    *,
+    cores: int,
+    progress: Callable[[int], object],
+) -> None:
+    """Convert the logs in the folder `recording`; the same logs give the same bytes.
+
+    Args:
+        recording: folder of logs.
+        tables: folder for `transitions/*.parquet`, `episodes.parquet` and `statistics.json`; replaced whole, at the
+            end.
+        reports: folder for `data.json` and `learner.csv`.
+        params: shares of the splits, and the size of row groups.
+        cores: the most logs to work on at once.
+        progress: called with the number of transitions written since its last call.
+
+    Raises:
+        LogError: there are no logs, or one is damaged.
+        TableError: a table cannot be written, no episode is left to train on, or something is wrong with the data
+            that makes training on it useless.
+    """
+    logs = _logs(recording)
+    with atomic_path(tables) as folder, worker_processes(_processes(logs, cores)) as ordered_map:
+        summaries = _summaries(recording, logs, ordered_map)
+        episodes = _episodes(summaries, params)
+        ranges = reduce(Moments.merge, [summary.ranges for summary in summaries])
+        jobs = _jobs(summaries, episodes, ranges, folder, params.row_group_rows)
+        figures = []
+        for found in ordered_map(_convert, jobs):
+            figures.append(found)
+            progress(len(found.fingerprints))
+        write_episodes(folder / "episodes.parquet", episodes)
+        write_json(folder / "statistics.json", _statistics(episodes, figures, recording))
+        imported = read_import_record(recording / IMPORT_RECORD)
+        findings = _findings(summaries, figures, imported)
+        refuse_useless(recording, findings)
+        report = _report(summaries, episodes, ranges, figures)
+        report |= {"quality": findings_to_json(findings)} | ({"import": imported.model_dump()} if imported else {})
+        write_json(reports / "data.json", report)
+        _write_learner(reports / "learner.csv", summaries, episodes)
+
+
+def _logs(recording: Path) -> list[Path]:
+    logs = sorted(recording.glob("*.mcap"))
+    if not logs:
+        message = f"{recording}: expected MCAP logs (*.mcap), but there are none; run the record stage first"
+        raise LogError(message)
+    return logs
+
+
+def _processes(logs: Sequence[Path], cores: int) -> int:
+    worthwhile = sum(log.stat().st_size for log in logs) // WORKER_BYTES
+    return max(1, min(cores, len(logs), worthwhile))
+
+
+def _summaries(recording: Path, logs: Sequence[Path], ordered_map: OrderedMap) -> list[_LogSummary]:
+    summaries = [each for each in ordered_map(_summarise, logs) if each.episodes]
+    if not summaries:
+        message = f"{recording}: expected transitions, but all {len(logs)} logs are empty; run the record stage again"
+        raise LogError(message)
+    owners: dict[int, Path] = {}
+    for summary in summaries:
+        if summary.spec != summaries[0].spec:
+            message = (
+                f"{summary.log}: its spaces differ from those of {summaries[0].log.name}; "
+                "keep one environment per experiment"
+            )
+            raise LogError(message)
+        for episode in summary.episodes:
+            other = owners.setdefault(episode.episode, summary.log)
+            if other != summary.log:
+                message = f"{summary.log}: episode {episode.episode} is also in {other.name}; keep recordings apart"
+                raise LogError(message)
+    return summaries
+
+
+def _summarise(log: Path) -> _LogSummary:
+    blocks = read_episodes(log, at_least=BLOCK_ROWS)
+    return reduce(_LogSummary.merge, (_summary_of(log, block) for block in blocks))
+
+
+def _summary_of(log: Path, block: LogContents) -> _LogSummary:
+    transitions = block.transitions
+    return _LogSummary(
+        log=log,
+        segment=block.run.segment or log.stem,
+        behaviour=block.run.behaviour,
+        spec=transitions.spec,
+        episodes=block.episodes,
+        ranges=Moments.of(transitions.observation).merge(Moments.of(transitions.next_observation)),
+        sample=outlier_sample(transitions),
+    )
+
+
+def _episodes(summaries: Sequence[_LogSummary], params: ConvertParams) -> list[Episode]:
+    """Split the episodes of each segment by itself, so that each has its share of test episodes."""
+    by_segment: dict[str, list[EpisodeRecord]] = {}
+    for summary in summaries:
+        by_segment.setdefault(summary.segment, []).extend(summary.episodes)
+    episodes = []
+    for segment, records in by_segment.items():
+        splits = assign_splits(
+            [record.episode for record in records],
+            seed=params.split_seed,
+            validation_share=params.validation_share,
+            test_share=params.test_share,
+        )
+        episodes += [_episode(record, segment, split) for record, split in zip(records, splits, strict=True)]
+    return episodes
+
+
+def _episode(record: EpisodeRecord, segment: str, split: Split) -> Episode:
+    return Episode(
+        episode=record.episode,
+        segment=segment,
+        split=split,
+        seed=record.seed,
+        length=record.length,
+        total_reward=record.episode_return,
+        ended=record.ended,
+        end_time_ns=record.end_time_ns,
+    )
+
+
+def _jobs(
+    summaries: Sequence[_LogSummary], episodes: Sequence[Episode], ranges: Moments, folder: Path, row_group_rows: int
+) -> list[_Job]:
+    splits = {episode.episode: episode.split for episode in episodes}
+    dimensions = summaries[0].spec.observation
+    low = np.array([dimension.low for dimension in dimensions])
+    high = np.array([dimension.high for dimension in dimensions])
+    fences = outlier_fences(summaries[0].spec, reduce(Sample.merge, [summary.sample for summary in summaries]))
+    return [
+        _Job(
+            log=summary.log,
+            spec=summary.spec,
+            target=folder / "transitions" / f"{summary.log.stem}.parquet",
+            splits={record.episode: splits[record.episode] for record in summary.episodes},
+            segment=summary.segment,
+            low=np.where(np.isfinite(low), low, ranges.minimum),
+            high=np.where(np.isfinite(high), high, ranges.maximum),
+            fences=fences,
+            row_group_rows=row_group_rows,
+        )
+        for summary in summaries
+    ]
+
+
+def _convert(job: _Job) -> _Figures:
+    spec, figures = job.spec, list[_Figures]()
+    with table_writer(job.target, spec, row_group_rows=job.row_group_rows) as write:
+        for block in read_episodes(job.log, at_least=BLOCK_ROWS):
+            table = _table(job, block.transitions)
+            write(table)
+            figures.append(_figures_of(job, table))
+    fingerprints = np.concatenate([each.fingerprints for each in figures])
+    return replace(reduce(_Figures.merge, figures), fingerprints=fingerprints)
+
+
+def _table(job: _Job, transitions: Transitions) -> TransitionTable:
+    identifiers, inverse = np.unique(transitions.episode, return_inverse=True)
+    try:
+        codes = [SPLITS.index(job.splits[int(identifier)]) for identifier in identifiers]
+    except KeyError as error:
+        message = f"{job.log}: episode {error} has transitions but no record of its end; run the record stage again"
+        raise LogError(message) from error
+    return TransitionTable(transitions, np.array(codes, dtype=np.int8)[inverse], job.segment)
+
+
+def _figures_of(job: _Job, table: TransitionTable) -> _Figures:
+    transitions = table.transitions
+    states = Occupancy.of(transitions.observation, job.low, job.high)
+    return _Figures(
+        columns=column_names(transitions),
+        train=Moments.of(column_values(table.only("train"))),
+        occupancy=states.merge(Occupancy.of(transitions.next_observation, job.low, job.high)),
+        fingerprints=row_fingerprints(transitions.observation, transitions.action),
+        quality=Quality.of(transitions, log=job.log.name, fences=job.fences, history=HISTORY),
+    )
+
+
+def _statistics(episodes: Sequence[Episode], figures: Sequence[_Figures], recording: Path) -> dict[str, Any]:
+    train = reduce(Moments.merge, [each.train for each in figures])
+    if not train.count:
+        message = f"{recording}: none of its {len(episodes)} episodes is left to train on; record more episodes"
+        raise TableError(message)
+    return {"splits": split_sizes(episodes), "train": moments_to_json(figures[0].columns, train)}
+
+
+def _report(
+    summaries: Sequence[_LogSummary], episodes: Sequence[Episode], ranges: Moments, figures: Sequence[_Figures]
+) -> dict[str, Any]:
+    return data_report(
+        summaries[0].spec,
+        episodes,
+        {summary.segment: summary.behaviour for summary in summaries},
+        ranges=[(float(low), float(high)) for low, high in zip(ranges.minimum, ranges.maximum, strict=True)],
+        occupancy=reduce(Occupancy.merge, [each.occupancy for each in figures]),
+        duplicates=count_duplicates(np.concatenate([each.fingerprints for each in figures])),
+    )
+
+
+def _write_learner(path: Path, summaries: Sequence[_LogSummary], episodes: Sequence[Episode]) -> None:
+    behaviours = {summary.segment: summary.behaviour for summary in summaries}
+    learner = [episode for episode in episodes if behaviours[episode.segment] == LEARNER]
+    write_learner_curve(path, learner, step_seconds=summaries[0].spec.step_seconds)
+
+
+def _findings(
+    summaries: Sequence[_LogSummary], figures: Sequence[_Figures], imported: ImportRecord | None
+) -> list[Finding]:
+    return find(
+        reduce(Quality.merge, [each.quality for each in figures]),
+        summaries[0].spec,
+        duplicates=_duplicates(summaries, np.concatenate([each.fingerprints for each in figures])),
+        occupancy=reduce(Occupancy.merge, [each.occupancy for each in figures]),
+        imported=imported.files if imported else {},
+    )
+
+
+def _duplicates(summaries: Sequence[_LogSummary], fingerprints: UInt64[np.ndarray, " step"]) -> Tally:
+    """Count the rows of all logs that are equal to an earlier one; the first is placed by the lengths of episodes."""
+    count, first = count_duplicates(fingerprints), first_duplicate(fingerprints)
+    place, row = None, -1 if first is None else first
+    for summary in summaries:
+        for episode in summary.episodes:
+            if place is None and 0 <= row < episode.length:
+                place = Place(summary.log.name, episode.episode)
+            row -= episode.length
+    return Tally(count, len(fingerprints), place)

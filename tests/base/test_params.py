@@ -1,0 +1,269 @@
+"""Params files: what is read, and the one-line errors for what is wrong in them."""
+
+import copy
+from pathlib import Path
+from typing import Any
+
+import pytest
+from example_params import EXAMPLE, MOTION, OPTIMISER, write_params
+from pydantic import ValidationError
+
+from addressed_dynamics.base.errors import ParamsError
+from addressed_dynamics.base.params.experiments import (
+    ExperimentParams,
+    RecordedRollouts,
+    load_motion_params,
+    load_motion_recipes,
+    load_params,
+    load_recipes,
+    load_record_params,
+    load_source_params,
+)
+from addressed_dynamics.base.params.motion import MotionExperimentParams
+from addressed_dynamics.base.params.recording import DqnBehaviour
+
+SINGLE = {"hidden": [8], "activation": "relu", "batch_size": 4}
+RECORDED = {"kind": "recorded", "episodes": 3, "steps": 20, "seed": 0}
+
+
+def read(tmp_path: Path, section: Any) -> ExperimentParams:
+    return load_params(write_params(tmp_path / "params.yaml", car=section), "car")
+
+
+def read_motion(tmp_path: Path, section: Any) -> MotionExperimentParams:
+    return load_motion_params(write_params(tmp_path / "params.yaml", walk=section), "walk")
+
+
+def changed(path: str, value: Any, example: dict[str, Any] = EXAMPLE) -> dict[str, Any]:
+    """Return the example with the value at the dotted `path` replaced, or removed if it is `...`."""
+    section = copy.deepcopy(example)
+    *parents, last = [int(key) if key.isdigit() else key for key in path.split(".")]
+    place: Any = section
+    for key in parents:
+        place = place[key]
+    if value is ...:
+        del place[last]
+    else:
+        place[last] = value
+    return section
+
+
+def test_a_whole_section_is_read(tmp_path: Path) -> None:
+    params = read(tmp_path, EXAMPLE)
+    behaviour = params.record.segments[0].behaviour
+    assert isinstance(behaviour, DqnBehaviour)
+    assert behaviour.hidden == (16,)
+    assert params.ensemble.optimiser.betas == tuple(EXAMPLE["ensemble"]["optimiser"]["betas"])
+
+
+def test_rollouts_may_replay_what_was_recorded(tmp_path: Path) -> None:
+    params = read(tmp_path, changed("evaluation.rollouts", RECORDED))
+    assert params.evaluation.rollouts == RecordedRollouts(kind="recorded", episodes=3, steps=20, seed=0)
+
+
+def test_another_recipe_changes_some_keys_of_some_sections(tmp_path: Path) -> None:
+    changes = {"ensemble": {"loss": "mae", "optimiser": OPTIMISER}, "features": {"target": "absolute"}}
+    section = changed("paper_recipe", changes)
+    default, paper = load_recipes(write_params(tmp_path / "params.yaml", car=section), "car")
+    assert default == read(tmp_path, section)
+    assert (paper.ensemble.loss, paper.features.target) == ("mae", "absolute")
+    assert paper.ensemble.hidden == default.ensemble.hidden
+    assert paper.addressing == default.addressing
+    chosen, other = load_recipes(write_params(tmp_path / "params.yaml", car=section | {"recipe": "paper"}), "car")
+    assert (chosen.ensemble, other.ensemble) == (paper.ensemble, default.ensemble)
+
+
+def test_what_another_recipe_changes_is_checked_even_if_it_is_not_chosen(tmp_path: Path) -> None:
+    with pytest.raises(ParamsError, match=r"car\.ensemble\.losss: unknown key"):
+        read(tmp_path, changed("paper_recipe", {"ensemble": {"losss": "mae"}}))
+
+
+def test_params_cannot_be_changed(tmp_path: Path) -> None:
+    params = read(tmp_path, EXAMPLE)
+    with pytest.raises(ValidationError, match="frozen"):
+        params.title = "other"
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "what"),
+    [
+        ("ensemble.memebrs", 2, "car.ensemble.memebrs: unknown key"),
+        ("ensemble.members", ..., "car.ensemble.members: missing key"),
+        ("ensemble.members", "two", "car.ensemble.members: input should be a valid integer, but it is 'two'"),
+        ("ensemble.members", True, "car.ensemble.members: input should be a valid integer"),
+        ("ensemble.members", 0, "car.ensemble.members: input should be greater than or equal to 1"),
+        ("ensemble.optimiser.learning_rate", "1e-3", "car.ensemble.optimiser.learning_rate: input should be a valid"),
+        ("ensemble.optimiser.learning_rate", float("inf"), "car.ensemble.optimiser.learning_rate: input should be"),
+        ("ensemble.optimiser.betas", [0.9], "car.ensemble.optimiser.betas.1: missing key"),
+        ("ensemble", ..., "car.ensemble: missing key"),
+        ("record.segments.0.behaviour.hiden", [64], "car.record.segments.0.behaviour.hiden: unknown key"),
+        ("record.segments.0.behaviour.kind", "dqm", "car.record.segments.0.behaviour: input tag 'dqm'"),
+        ("record.segments.0.environments", 3, "400 transitions cannot be shared equally by 3 environments"),
+        ("record.segments.1.name", "learner", "two segments are called 'learner'"),
+        ("record.segments.3.behaviour.segment", "random", "'random', which is no earlier dqn segment"),
+        ("record.segments.2.behaviour.action", "left", "car.record.segments.2.behaviour.action: input should be"),
+        ("record.segments", [], "car.record.segments: "),
+        ("convert.test_share", 0.95, "validation_share + test_share must be below 1"),
+        ("evaluation.rollouts.kind", "recorder", "car.evaluation.rollouts: input tag 'recorder'"),
+        ("evaluation.rollouts.environment.id", 3, "car.evaluation.rollouts.environment.id: input should be"),
+        ("evaluation.rollouts.environment", ..., "car.evaluation.rollouts.environment: missing key"),
+        ("evaluation.rollouts", RECORDED | {"steps": 1}, "car.evaluation.rollouts.steps: input should be greater than"),
+        ("evaluation.rollouts", RECORDED | {"environment": {}}, "car.evaluation.rollouts.environment: unknown key"),
+        ("baselines.single_networks.pair", {}, "car.baselines.single_networks.pair"),
+        ("baselines.single_networks.two words", SINGLE, "car.baselines.single_networks.two words"),
+        ("baselines.single_networks.unequal_bins", SINGLE, "'unequal_bins' has a meaning already"),
+        ("baselines.single_networks.wide.epochs", 3, "car.baselines.single_networks.wide.epochs: unknown key"),
+        ("baselines.train", ["wide"], "car.baselines.train.0: input should be"),
+        ("baselines.pair_epochs", -1, "car.baselines.pair_epochs: input should be greater than or equal to 0"),
+        ("addressing.heads", ..., "car.addressing.heads: missing key"),
+        ("addressing.heads", [0], "car.addressing.heads.0: input should be greater than or equal to 1"),
+        ("features.target", "relative", "car.features.target: input should be 'absolute' or 'change'"),
+    ],
+)
+def test_a_wrong_value_is_one_line_with_the_path_of_its_key(tmp_path: Path, path: str, value: Any, what: str) -> None:
+    with pytest.raises(ParamsError) as caught:
+        read(tmp_path, changed(path, value))
+    message = str(caught.value)
+    assert what in message
+    assert str(tmp_path / "params.yaml") in message
+    assert "\n" not in message
+
+
+def test_a_section_that_is_no_mapping_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ParamsError, match=r"car: input should be"):
+        read(tmp_path, 3)
+
+
+def test_several_problems_are_counted(tmp_path: Path) -> None:
+    section = changed("ensemble.members", 0)
+    section["ensemble"]["epochs"] = 0
+    with pytest.raises(ParamsError, match=r"\(and 1 more\)"):
+        read(tmp_path, section)
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("a: [1, 2", r"params.yaml, line 1: not a YAML file"),
+        ("a: 1\na: 2\n", r"line 2: not a YAML file \(found duplicate key"),
+        ("- a\n", "a params file is a mapping of sections, but this one holds list"),
+        ("", "but this one holds NoneType"),
+        ("1: {}\nother: {}\n", r"there is no experiment 'car' in it \(experiments there: 1, other\)"),
+        ("car: {title: 2020-01-01}\n", "a kind that params cannot hold"),
+    ],
+)
+def test_a_file_that_is_no_params_file_is_refused_in_one_line(tmp_path: Path, text: str, what: str) -> None:
+    path = tmp_path / "params.yaml"
+    path.write_text(text)
+    with pytest.raises(ParamsError, match=what) as caught:
+        load_params(path, "car")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_missing_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ParamsError, match=r"nowhere\.yaml: no such params file"):
+        load_params(tmp_path / "nowhere.yaml", "car")
+
+
+def test_a_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "params.yaml"
+    path.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ParamsError, match="cannot be read"):
+        load_params(path, "car")
+
+
+def test_a_whole_section_of_motion_is_read(tmp_path: Path) -> None:
+    params = read_motion(tmp_path, MOTION)
+    assert params.walker is not None
+    assert params.walker.minutes == MOTION["walker"]["minutes"]
+    assert params.baselines.phase_functioned.members == 4
+    assert params.evaluation.released is None
+    assert read_motion(tmp_path, changed("walker", ..., MOTION)).walker is None
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "what"),
+    [
+        ("walker.minuts", 2.0, "walk.walker.minuts: unknown key"),
+        ("walker.minutes", 0.0, "walk.walker.minutes: input should be greater than 0"),
+        ("record", {}, "walk.record: unknown key"),
+        ("kind", "motoin", "walk.kind: input should be 'motion', but it is 'motoin'"),
+        ("convert.test_clips", "Walker_jog", "walk.convert.test_clips: input should be a valid"),
+        ("convert.rows_share", ..., "walk.convert.rows_share: missing key"),
+        ("convert.test_share", 0.8, "validation_share + test_share must be below 1"),
+        ("convert.cycles_share", 0.8, "cycles_share + rows_share + validation_share must be below 1"),
+        ("features", ..., "walk.features: missing key"),
+        ("features.target", "relative", "walk.features.target: input should be 'absolute', 'change' or"),
+        ("features.joint_input_weight", 0.0, "walk.features.joint_input_weight: input should be greater than 0"),
+        ("features.history", 3, "walk.features.history: unknown key"),
+        ("augmentation", ..., "walk.augmentation: missing key"),
+        ("augmentation.pose_mix", 1.5, "walk.augmentation.pose_mix: input should be less than or equal to 1"),
+        ("ensemble.dropout", 1.0, "walk.ensemble.dropout: input should be less than 1"),
+        ("ensemble.memebrs", 2, "walk.ensemble.memebrs: unknown key"),
+        ("baselines.train", ["pfnn"], "walk.baselines.train.0: input should be"),
+        ("baselines.phase_functioned.epochs", 2, "walk.baselines.phase_functioned.epochs: unknown key"),
+        ("baselines.learned_blend", ..., "walk.baselines.learned_blend: missing key"),
+        ("baselines.learned_blend.optimiser.betas", [0.9], "walk.baselines.learned_blend.optimiser.betas.1: missing"),
+        ("evaluation.closed_loop.validation_scripts", 0, "walk.evaluation.closed_loop.validation_scripts: input"),
+        ("evaluation.rollouts", {}, "walk.evaluation.rollouts: unknown key"),
+        ("evaluation.released", 3, "walk.evaluation.released: input should be a valid string"),
+        ("paper_recipe.augmentaton", {}, "walk.paper_recipe.augmentaton: unknown key"),
+        ("paper_recipe.augmentation", {"pose_nois": 0.0}, "walk.augmentation.pose_nois: unknown key"),
+        ("paper_recipe.addressing", {"epoch": 1}, "walk.addressing.epoch: unknown key"),
+        ("recipe", "papr", "walk.recipe: input should be 'default' or 'paper', but it is 'papr'"),
+    ],
+)
+def test_a_wrong_value_in_a_section_of_motion_is_one_line_with_the_path_of_its_key(
+    tmp_path: Path, path: str, value: Any, what: str
+) -> None:
+    with pytest.raises(ParamsError) as caught:
+        read_motion(tmp_path, changed(path, value, MOTION))
+    message = str(caught.value)
+    assert what in message
+    assert str(tmp_path / "params.yaml") in message
+    assert "\n" not in message
+
+
+def test_the_paper_recipe_of_motion_takes_the_place_of_some_keys(tmp_path: Path) -> None:
+    section = MOTION | {
+        "paper_recipe": {
+            "features": {"target": "absolute"},
+            "augmentation": {"pose_noise": 0.0, "gait_swap": 0.0},
+            "ensemble": {"loss": "mae"},
+            "addressing": {"epochs": 7, "variants": ["plain"]},
+        }
+    }
+    default, paper = load_motion_recipes(write_params(tmp_path / "params.yaml", walk=section), "walk")
+    assert default == read_motion(tmp_path, section)
+    assert (paper.features.target, paper.features.joint_input_weight) == ("absolute", 1.0)
+    assert paper.augmentation == default.augmentation.model_copy(update={"pose_noise": 0.0, "gait_swap": 0.0})
+    assert paper.ensemble == default.ensemble.model_copy(update={"loss": "mae"})
+    assert (paper.addressing.epochs, paper.baselines.addressing.epochs) == (7, 7)
+    assert paper.baselines.train == default.baselines.train
+    path = write_params(tmp_path / "params.yaml", walk=section | {"recipe": "paper"})
+    chosen, other = load_motion_recipes(path, "walk")
+    assert chosen.augmentation == paper.augmentation
+    assert other.augmentation == default.augmentation
+    assert load_motion_params(path, "walk") == chosen
+
+
+@pytest.mark.parametrize("load", [load_params, load_recipes, load_record_params, load_source_params])
+def test_an_experiment_of_motion_is_none_with_an_environment(tmp_path: Path, load: Any) -> None:
+    path = write_params(tmp_path / "params.yaml", walk=MOTION)
+    with pytest.raises(ParamsError, match=r"walk: .*name it under 'motions' in params\.yaml, not under 'experiments'"):
+        load(path, "walk")
+
+
+@pytest.mark.parametrize("load", [load_motion_params, load_motion_recipes])
+def test_an_experiment_with_an_environment_is_none_of_motion(tmp_path: Path, load: Any) -> None:
+    path = write_params(tmp_path / "params.yaml", car=EXAMPLE)
+    with pytest.raises(ParamsError, match=r"car: .*no 'kind: motion' .*under 'experiments' in params\.yaml, not under"):
+        load(path, "car")
+    with pytest.raises(ParamsError, match="walk: input should be"):
+        load(write_params(path, walk=3), "walk")
+
+
+def test_the_lists_at_the_top_of_a_file_are_no_experiments(tmp_path: Path) -> None:
+    path = write_params(tmp_path / "params.yaml", motions={"walk": "clips"}, imported={"arm": "logs"}, walk=MOTION)
+    with pytest.raises(ParamsError, match=r"no experiment 'jog' in it \(experiments there: walk\)"):
+        load_motion_params(path, "jog")

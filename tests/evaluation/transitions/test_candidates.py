@@ -1,0 +1,109 @@
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+from learning import ADDRESSING, ENSEMBLE, drive, untrained_model
+
+from addressed_dynamics.base.errors import EvaluationError, ModelError
+from addressed_dynamics.episodes import Split
+from addressed_dynamics.evaluation.transitions.candidates import baseline_candidates, baseline_label, load_other_recipe
+from addressed_dynamics.evaluation.transitions.points import Points
+from addressed_dynamics.evaluation.transitions.suite import (
+    evaluate_candidate,
+    evaluate_other_recipe,
+    evaluate_specialisation,
+)
+from addressed_dynamics.networks.files import SavedNetwork, save_network
+from addressed_dynamics.networks.stacked import StackedMLP
+from addressed_dynamics.reporting.common.records import OtherRecipe
+from addressed_dynamics.simulators.addressed import AddressedDynamics
+
+WORLD = drive()
+RECIPE = {
+    "ensemble": ENSEMBLE.model_copy(update={"loss": "mae"}).model_dump(mode="json"),
+    "addressing": ADDRESSING.model_dump(mode="json"),
+}
+
+
+def save_baseline(folder: Path, key: str, model: AddressedDynamics, notes: Mapping[str, Any] | None = None) -> None:
+    save_network(folder / key / "network", SavedNetwork(model.ensemble, model.features, dict(notes or {})))
+    if model.addressing is not None:
+        save_network(folder / key / "addressing", SavedNetwork(model.addressing, model.features, {}))
+
+
+def test_baselines_are_candidates_with_their_size_and_the_pair_is_none(tmp_path: Path) -> None:
+    world = drive()
+    single, several, pair = (untrained_model(world, members) for members in (1, 3, 2))
+    trained = {"large/seed-0": single, "unequal_bins/seed-2": several}
+    for key, model in {**trained, "pair/seed-0": pair}.items():
+        save_baseline(tmp_path, key, model)
+    index = {"format": 1, "trained": list(trained), "pair": ["pair/seed-0"]}
+    (tmp_path / "baselines.json").write_text(json.dumps(index))
+    found = baseline_candidates(tmp_path)
+    assert [each.name for each in found] == list(trained)
+    labels = ["one network, tanh 16 × 8, seed 0", "ensemble without equal bins, seed 2"]
+    assert [each.label for each in found] == labels
+    network = (5 + 1) * 16 + (16 + 1) * 8 + (8 + 1) * 2
+    assert [each.parameters for each in found] == [network, 3 * network + (5 + 1) * 12 + (12 + 1) * 3]
+
+
+@pytest.mark.parametrize(
+    ("name", "widths", "label"),
+    [
+        ("wide", (5, 512, 512, 512, 2), "one network, relu 512 × 512 × 512"),
+        ("small", (5, 2), "one linear map"),
+        ("total_parameters", (5, 90, 90, 2), "one network, as many parameters"),
+        ("paper_recipe", (5, 16, 2), "ensemble, the paper's recipe"),
+        ("default_recipe", (5, 16, 2), "ensemble, the default recipe"),
+    ],
+)
+def test_a_single_network_says_what_it_is(name: str, widths: tuple[int, ...], label: str) -> None:
+    assert baseline_label(name, StackedMLP(1, widths, "relu")) == label
+
+
+def save_recipes(folder: Path, model: AddressedDynamics, notes: Mapping[str, Any]) -> Path:
+    save_baseline(folder, "large/seed-0", untrained_model(WORLD, 1))
+    save_baseline(folder, "paper_recipe/seed-0", model, notes)
+    index = {"format": 1, "trained": ["large/seed-0", "paper_recipe/seed-0"], "pair": []}
+    (folder / "baselines.json").write_text(json.dumps(index))
+    return folder
+
+
+def test_the_other_recipe_is_judged_with_its_own_features_and_loss(tmp_path: Path) -> None:
+    model = untrained_model(WORLD, 3, target="absolute")
+    other = load_other_recipe(save_recipes(tmp_path, model, {"params": RECIPE}))
+    assert other is not None
+    delivered = untrained_model(WORLD, 2).features
+    points: dict[Split, Points] = {"train": Points.of(WORLD, delivered), "test": Points.of(drive((30,)), delivered)}
+    found = evaluate_other_recipe(other, points)
+    with_its_features = Points.of(WORLD, model.features)
+    assert found["specialisation"]["train"] == evaluate_specialisation(model, with_its_features, "mae")
+    assert found["specialisation"]["test"]["samples"] == 30
+    record = OtherRecipe.model_validate_json(json.dumps(found))
+    assert record.name == "paper_recipe"
+    assert (record.recipe.features.target, record.recipe.ensemble.loss) == ("absolute", "mae")
+    assert record.recipe.addressing == ADDRESSING
+    assert [each.label for each in baseline_candidates(tmp_path)][1] == "ensemble, the paper's recipe, seed 0"
+
+
+def test_there_may_be_no_other_recipe(tmp_path: Path) -> None:
+    (tmp_path / "baselines.json").write_text(json.dumps({"format": 1, "trained": ["large/seed-0"], "pair": []}))
+    assert load_other_recipe(tmp_path) is None
+
+
+@pytest.mark.parametrize("notes", [{}, {"params": {"ensemble": RECIPE["ensemble"]}}, {"params": RECIPE["ensemble"]}])
+def test_another_recipe_that_does_not_say_what_it_is_is_refused(tmp_path: Path, notes: dict[str, Any]) -> None:
+    folder = save_recipes(tmp_path, untrained_model(WORLD, 3), notes)
+    with pytest.raises(ModelError, match=r"its notes should have the recipe under 'params'; run train_baselines again"):
+        load_other_recipe(folder)
+
+
+def test_a_candidate_that_is_given_more_frames_than_the_delivered_model_is_refused(tmp_path: Path) -> None:
+    folder = save_recipes(tmp_path, untrained_model(WORLD, 3, history=4), {"params": RECIPE})
+    single, other = baseline_candidates(folder)
+    points = Points.of(WORLD, untrained_model(WORLD, 2).features)
+    assert evaluate_candidate(single, points, "mse")["parameters"] == single.parameters
+    with pytest.raises(EvaluationError, match=r"delivered model, 1, but 'paper_recipe/seed-0' is given 4"):
+        evaluate_candidate(other, points, "mse")

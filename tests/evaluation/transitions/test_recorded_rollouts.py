@@ -1,0 +1,230 @@
+"""Rollouts beside recorded episodes: which stretches are taken, and what a model is held against."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from builders import car_transitions
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from learning import drive, swing, untrained_model
+from strategies import random_transitions, space_specs, transitions
+
+from addressed_dynamics.base.errors import EvaluationError
+from addressed_dynamics.base.params.experiments import EnvironmentRollouts, RecordedRollouts
+from addressed_dynamics.base.params.recording import EnvironmentParams
+from addressed_dynamics.episodes.transitions import COLUMNS, SpaceSpec, Transitions
+from addressed_dynamics.evaluation.transitions.candidates import Candidate
+from addressed_dynamics.evaluation.transitions.points import Points
+from addressed_dynamics.evaluation.transitions.rollouts import evaluate_rollouts, rollout_errors, summarise_rollouts
+from addressed_dynamics.evaluation.transitions.suite import figure_arrays
+from addressed_dynamics.evaluation.transitions.truth import TrueRollouts, replay_recorded, true_rollouts
+
+
+def replay(
+    test: Transitions,
+    episodes: int = 5,
+    steps: int = 10,
+    seed: int = 0,
+    history: int = 1,
+    segments: Sequence[str] = ("alone",),
+) -> TrueRollouts:
+    """Replay episodes; their segments take turns."""
+    params = RecordedRollouts(kind="recorded", episodes=episodes, steps=steps, seed=seed)
+    numbers = dict.fromkeys(test.episode.tolist())
+    named = {number: segments[index % len(segments)] for index, number in enumerate(numbers)}
+    return replay_recorded(params, test, history, named)
+
+
+def moderate(spec: SpaceSpec, lengths: list[int], seed: int) -> Transitions:
+    """Episodes of random numbers up to 1: a rollout of larger ones may reach a million, where it counts as diverged."""
+    wild = random_transitions(spec, lengths, np.random.default_rng(seed))
+    columns = {name: getattr(wild, name) for name in COLUMNS}
+    numbers = {name: values.clip(-1.0, 1.0) for name, values in columns.items() if values.dtype == np.float32}
+    return Transitions(spec=spec, **columns | numbers)
+
+
+@dataclass
+class Perfect:
+    """A model that knows the future."""
+
+    truth: TrueRollouts
+
+    def rollout(self, observation: np.ndarray, actions: np.ndarray, _mode: str, **_: object) -> np.ndarray:
+        history = self.truth.history_states.shape[1]
+        if history == 1:
+            np.testing.assert_array_equal(observation, self.truth.states[:, 0])
+            np.testing.assert_array_equal(actions, self.truth.actions)
+        else:
+            np.testing.assert_array_equal(observation, self.truth.history_states)
+            np.testing.assert_array_equal(actions[:, : history - 1], self.truth.history_actions)
+            np.testing.assert_array_equal(actions[:, history - 1 :], self.truth.actions)
+        return self.truth.states[:, 1:].astype(np.float32)
+
+
+@given(transitions(max_length=12), st.integers(1, 8), st.integers(2, 8), st.integers(0, 2**31 - 1), st.integers(1, 4))
+def test_every_stretch_is_a_piece_of_one_episode_and_none_overlaps_another(
+    test: Transitions, episodes: int, steps: int, seed: int, history: int
+) -> None:
+    lengths = [rows.stop - rows.start - history + 1 for rows in test.episode_slices()]
+    if max(lengths) < 2:
+        with pytest.raises(EvaluationError, match=f"at least {history + 1} are needed"):
+            replay(test, episodes, steps, seed, history)
+        return
+    truth = replay(test, episodes, steps, seed, history)
+    assert truth.steps == min(steps, max(lengths))
+    number = min(episodes, sum(max(length, 0) // truth.steps for length in lengths))
+    assert truth.states.shape == (number, truth.steps + 1, len(test.spec.observation))
+    assert truth.actions.shape == (number, truth.steps, *test.action.shape[1:])
+    assert truth.actions.dtype == test.action.dtype
+    assert list(truth.groups) == ["all"]
+    after = 0
+    for states, actions, before, earlier in zip(
+        truth.states, truth.actions, truth.history_states, truth.history_actions, strict=True
+    ):
+        start = next(
+            row
+            for row in range(after, len(test))
+            if (states[:-1] == test.observation[row : row + truth.steps]).all()
+            and (actions == test.action[row : row + truth.steps]).all()
+            and row + 1 >= history
+            and (before == test.observation[row + 1 - history : row + 1]).all()
+            and (earlier == test.action[row + 1 - history : row]).all()
+        )
+        after = start + truth.steps
+        assert len(set(test.episode[start + 1 - history : after])) == 1
+        np.testing.assert_array_equal(states[1:], test.next_observation[start:after])
+
+
+def test_the_same_seed_takes_the_same_stretches_and_another_takes_others() -> None:
+    test = car_transitions([100, 80, 95])
+    np.testing.assert_array_equal(replay(test, seed=3).states, replay(test, seed=3).states)
+    assert (replay(test, seed=3).states != replay(test, seed=4).states).any()
+
+
+def test_all_stretches_are_taken_in_order_where_there_are_no_more_than_asked_for() -> None:
+    test = car_transitions([25, 9, 10])
+    truth = replay(test, episodes=100, steps=10)
+    np.testing.assert_array_equal(truth.states[:, 0], test.observation[[0, 10, 34]])
+
+
+def test_stretches_are_as_long_as_the_longest_episode_where_none_is_as_long_as_asked_for() -> None:
+    truth = replay(car_transitions([7, 9, 4]), steps=1000)
+    assert truth.states.shape == (1, 10, 2)
+
+
+def test_every_segment_of_the_recording_has_as_many_stretches_as_the_others() -> None:
+    test = car_transitions([200, 30, 200, 30])
+    truth = replay(test, episodes=8, steps=10, segments=("long", "short"))
+    assert {name: int(members.sum()) for name, members in truth.groups.items()} == {"all": 8, "long": 4, "short": 4}
+    from_long = {tuple(row) for row in test.observation[(test.episode == test.episode[0])].tolist()}
+    from_long |= {tuple(row) for row in test.observation[230:430].tolist()}
+    found = [tuple(row) in from_long for row in truth.states[:, 0].tolist()]
+    assert truth.groups["long"].tolist() == found
+
+
+def test_a_segment_with_few_stretches_leaves_its_share_to_the_others() -> None:
+    truth = replay(car_transitions([200, 20]), episodes=12, steps=10, segments=("long", "short"))
+    assert {name: int(members.sum()) for name, members in truth.groups.items()} == {"all": 12, "long": 10, "short": 2}
+
+
+def test_a_segment_without_a_long_episode_is_named_and_the_others_keep_their_length() -> None:
+    truth = replay(car_transitions([54, 30, 60, 50]), steps=50, history=6, segments=("a", "b", "c", "b"))
+    assert truth.steps == 50
+    assert list(truth.groups) == ["all"]
+    assert truth.too_short == {"a": 54, "b": 50}
+
+
+def test_all_stretches_become_shorter_only_if_no_episode_is_long_enough() -> None:
+    truth = replay(car_transitions([54, 30, 52, 50]), steps=50, history=6, segments=("a", "b"))
+    assert truth.steps == 49
+    assert truth.too_short == {"b": 50}
+
+
+def test_a_segment_may_have_the_name_of_a_group() -> None:
+    truth = replay(car_transitions([20, 20]), segments=("all", "wall"))
+    assert {name: members.tolist().count(True) for name, members in truth.groups.items()} == {
+        "all": 4, "segment_all": 2, "wall": 2
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("lengths", [[], [1, 1, 1]])
+def test_episodes_of_one_step_cannot_be_rolled_out(lengths: list[int]) -> None:
+    whole = car_transitions([1, 1, 1])
+    test = Transitions(spec=whole.spec, **{name: getattr(whole, name)[: len(lengths)] for name in COLUMNS})
+    with pytest.raises(EvaluationError, match=f"of the {len(lengths)} has {int(bool(lengths))} steps") as caught:
+        replay(test)
+    assert "\n" not in str(caught.value)
+
+
+@settings(max_examples=30)
+@given(space_specs(max_size=6), st.integers(0, 2**31 - 1), st.integers(1, 3))
+def test_a_perfect_model_has_no_error_whatever_the_spaces(spec: SpaceSpec, seed: int, history: int) -> None:
+    truth = replay(moderate(spec, [14, 32], seed), history=history)
+    squared, predicted = rollout_errors(Perfect(truth), truth, "argmax")  # type: ignore[arg-type] # all that is used
+    summary = summarise_rollouts(squared, predicted, truth, spec.observation)["groups"]
+    assert list(summary) == ["all"]
+    assert summary["all"]["episodes"] == 4
+    assert all(spread["max"] == 0.0 for spread in summary["all"]["mse"].values())
+
+
+@settings(max_examples=30)
+@given(space_specs(max_size=6), st.integers(0, 2**31 - 1))
+def test_a_model_is_rolled_out_under_the_recorded_actions_whatever_the_spaces(spec: SpaceSpec, seed: int) -> None:
+    world = moderate(spec, [40, 30], seed)
+    model, truth = untrained_model(world), replay(world, steps=12)
+    squared, predicted = rollout_errors(model, truth, "argmax")
+    state = truth.states[:, 0].astype(np.float32)
+    for step in range(truth.steps):
+        state = model.predict(state, truth.actions[:, step])
+        np.testing.assert_array_equal(predicted[:, step], state)
+        np.testing.assert_allclose(squared[:, step], (state.astype(float) - truth.states[:, step + 1]) ** 2)
+
+
+def test_a_model_with_a_history_sees_the_true_frames_first_and_its_own_after_them() -> None:
+    world = swing((40, 30))
+    model, truth = untrained_model(world, history=3), replay(world, steps=12, history=3)
+    squared, predicted = rollout_errors(model, truth, "argmax")
+    frames = truth.history_states.astype(np.float32)
+    actions = np.concatenate([truth.history_actions, truth.actions], axis=1)
+    for step in range(truth.steps):
+        state = model.predict(frames, actions[:, step : step + 3])
+        np.testing.assert_array_equal(predicted[:, step], state)
+        np.testing.assert_allclose(squared[:, step], (state.astype(float) - truth.states[:, step + 1]) ** 2)
+        frames = np.concatenate([frames[:, 1:], state[:, None]], axis=1)
+
+
+@pytest.mark.parametrize(("steps", "horizons"), [(2, [1, 2]), (50, range(2, 51, 2)), (300, range(10, 301, 10))])
+def test_short_rollouts_have_a_table_of_errors_against_the_horizon_too(steps: int, horizons: list[int]) -> None:
+    world = swing((300, 310))
+    model = untrained_model(world)
+    candidate = Candidate("ensemble/argmax", "ensemble", 1, model.predict, model, "argmax")
+    _, rows = evaluate_rollouts(candidate, replay(world, steps=steps), physics=False)
+    assert [row["horizon"] for row in rows] == list(horizons)
+    assert all(left["horizon"] < right["horizon"] for left, right in pairwise(rows))
+
+
+@pytest.mark.parametrize("history", [1, 3])
+def test_one_stretch_in_the_middle_stands_for_all_in_the_figures(history: int) -> None:
+    world = swing((40, 30))
+    model, truth = untrained_model(world, history=history), replay(world, steps=12, history=history)
+    arrays = figure_arrays(model, model.ensemble, Points.of(world, model.features), truth, "mse")
+    assert arrays["rollout_group"].tolist() == ["all"]
+    np.testing.assert_array_equal(arrays["rollout_true"], truth.states[[len(truth.states) // 2]])
+    assert arrays["rollout_predicted"].shape == arrays["rollout_true"].shape
+
+
+def test_a_params_file_says_where_rollouts_come_from() -> None:
+    test = drive((40, 30))
+    recorded = RecordedRollouts(kind="recorded", episodes=2, steps=10, seed=0)
+    segments = dict.fromkeys(test.episode.tolist(), "driving")
+    expected = replay_recorded(recorded, test, 3, segments)
+    np.testing.assert_array_equal(true_rollouts(recorded, test, 3, segments).states, expected.states)
+    environment = EnvironmentParams(id="addressed_dynamics/MountainCarContinuing-v0", kwargs={})
+    driven = EnvironmentRollouts(
+        kind="environment", environment=environment, episodes=3, steps=10, seed=0, swing_share=0.5, mean_hold_steps=2
+    )
+    assert list(true_rollouts(driven, test, 3, segments).groups) == ["all", "no_wall", "wall"]
+    assert true_rollouts(driven, test, 3, segments).history_states.shape == (3, 3, 2)

@@ -1,0 +1,31 @@
+import pytest
+import torch
+from builders import car_transitions
+from hypothesis import given
+from hypothesis import strategies as st
+
+from addressed_dynamics.features.transitions.windows import window_rows, windows
+
+
+@given(lengths=st.lists(st.integers(1, 9), min_size=1, max_size=6), history=st.integers(1, 7))
+def test_windows_are_all_stretches_of_frames_that_lie_in_one_episode(lengths: list[int], history: int) -> None:
+    transitions = car_transitions(lengths)
+    expected = [
+        row
+        for row in range(history - 1, len(transitions))
+        if len(set(transitions.episode[row - history + 1 : row + 1].tolist())) == 1
+    ]
+    assert window_rows(transitions, history).tolist() == expected
+
+
+def test_a_window_holds_its_rows_oldest_first() -> None:
+    values = torch.arange(10)
+    assert windows(values, torch.tensor([2, 7]), 3).tolist() == [[0, 1, 2], [5, 6, 7]]
+    assert windows(values, torch.tensor([2, 7]), 1).tolist() == [2, 7]
+    vectors = torch.arange(20.0).view(10, 2)
+    assert windows(vectors, torch.tensor([4]), 2).tolist() == [[[6, 7], [8, 9]]]
+
+
+@pytest.mark.parametrize("history", [2, 6])
+def test_an_episode_shorter_than_the_history_has_no_window(history: int) -> None:
+    assert len(window_rows(car_transitions([history - 1, history - 1]), history)) == 0

@@ -1,0 +1,280 @@
+import dataclasses
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from acrobot_recordings import acrobot_spaces
+from builders import CAR
+from report_examples import DATA, origin, write_results
+
+from addressed_dynamics.episodes.transitions import ContinuousAction, Dimension, SpaceSpec
+from addressed_dynamics.reporting.common.blocks import Block, Report, Table, Text
+from addressed_dynamics.reporting.common.paper import PAPER
+from addressed_dynamics.reporting.common.records import DataResult
+from addressed_dynamics.reporting.common.render import render_html, render_markdown, write_report
+from addressed_dynamics.reporting.common.results import load_results
+from addressed_dynamics.reporting.transitions.document import build_report, headline
+from addressed_dynamics.reporting.transitions.quality import quality_blocks
+
+CAR_PAPER = PAPER["mountaincar"]
+PENDULUM = SpaceSpec(
+    observation=tuple(Dimension(f"angle_{i}", "rad/s" if i else "", -np.inf, np.inf) for i in range(3)),
+    action=ContinuousAction((Dimension("torque", "Nm", -1, 1), Dimension("wind", "", -1, 1))),
+    step_seconds=0.02,
+)
+
+
+class Page(HTMLParser):
+    """What a browser would see of a page."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.open: list[str] = []
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+        if tag not in {"meta", "img", "source"}:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag, f"</{tag}> closes another element"
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> Report:
+    return example(tmp_path_factory.mktemp("results"))
+
+
+def example(folder: Path, **changes: Any) -> Report:
+    spaces = changes.get("spaces", CAR)
+    return build_report(load_results(*write_results(folder, **changes)), origin(spaces), CAR_PAPER)
+
+
+def tables(report: Report) -> list[Table]:
+    inside = [block for section in report.sections for block in section.blocks if isinstance(block, Table)]
+    return [report.targets, *inside]
+
+
+def test_the_page_is_whole_and_loads_nothing_from_elsewhere(report: Report) -> None:
+    text = render_html(report)
+    page = Page(text)
+    assert page.open == []
+    assert not {"script", "link", "iframe", "object"} & {tag for tag, _ in page.tags}
+    pictures: list[Any] = [attributes for tag, attributes in page.tags if tag == "img"]
+    assert len(pictures) == len(report.panels) > 15
+    starts = {"png": "data:image/png;base64,iVBOR", "gif": "data:image/gif;base64,R0lGOD"}
+    for attributes, panel in zip(pictures, report.panels, strict=True):
+        assert attributes["src"].startswith(starts[panel.format])
+        assert attributes["alt"] == panel.alternative
+    assert "url(" not in text
+    assert "@import" not in text
+
+
+def test_pictures_move_only_for_readers_who_do_not_mind(report: Report) -> None:
+    sources: list[Any] = [attributes for tag, attributes in Page(render_html(report)).tags if tag == "source"]
+    films = [panel for panel in report.panels if panel.format == "gif"]
+    assert len(sources) == len(films) == 2
+    assert all("prefers-reduced-motion: reduce" in each["media"] for each in sources)
+    assert all(each["srcset"].startswith("data:image/png;base64,iVBOR") for each in sources)
+
+
+def test_the_links_of_the_page_lead_to_its_sections_and_to_the_runs(report: Report) -> None:
+    page = Page(render_html(report))
+    anchors = {f"#{attributes['id']}" for _, attributes in page.tags if "id" in attributes}
+    targets = {attributes["href"] for tag, attributes in page.tags if tag == "a"}
+    assert targets - anchors == {"http://127.0.0.1:5000/#/runs/1"}
+
+
+def test_markdown_and_page_hold_the_same_cells(report: Report) -> None:
+    page, markdown = render_html(report), render_markdown(report)
+    cells = [cell for table in tables(report) for row in table.rows for cell in row.cells]
+    assert len(cells) > 100
+    for cell in cells:
+        assert cell in markdown
+        assert cell.replace("'", "&#39;").replace(">", "&gt;").replace("<", "&lt;") in page
+
+
+def test_every_table_of_the_markdown_has_as_many_cells_in_all_its_rows(report: Report) -> None:
+    lines = render_markdown(report).splitlines()
+    blocks = re.findall(r"(?:^\|.*\|\n)+", "\n".join(lines) + "\n", flags=re.MULTILINE)
+    assert len(blocks) == len(tables(report))
+    for block in blocks:
+        assert len({row.count("|") for row in block.splitlines()}) == 1, block
+
+
+def test_the_files_are_written_with_the_pictures_that_the_markdown_names(report: Report, tmp_path: Path) -> None:
+    (tmp_path / "figures").mkdir()
+    (tmp_path / "figures" / "of_an_older_report.png").touch()
+    write_report(report, tmp_path)
+    named = set(re.findall(r"\]\(figures/([^)]+)\)", (tmp_path / "report.md").read_text()))
+    assert named == {path.name for path in (tmp_path / "figures").iterdir()}
+    assert "Table 1" in (tmp_path / "report.html").read_text()
+
+
+def test_the_same_results_make_the_same_bytes(report: Report, tmp_path: Path) -> None:
+    again = example(tmp_path)
+    assert render_html(again) == render_html(report)
+    assert b"matplotlib" not in b"".join(panel.content for panel in again.panels).lower()
+
+
+def test_the_paper_stands_beside_the_measured_table(report: Report) -> None:
+    (table,) = (block for section in report.sections if section.title == "Table 1" for block in section.blocks[:1])
+    assert isinstance(table, Table)
+    assert [row.cells for row in table.rows] == [
+        ("the paper, network 1", "0.2", "262.6", "27", "0.4", "3.5", "65.2"),
+        ("the paper, network 2", "1.2", "1,861.3", "1", "7.8", "7.8", "7.8"),
+        ("here, network 1", "0.10", "50.0", "3.00", "0.10", "1.0", "1,000"),
+        ("here, network 2", "0.10", "50.0", "3.00", "0.10", "1.0", "1,000"),
+    ]
+
+
+def test_eight_members_of_which_one_is_never_selected_and_other_spaces_have_a_report(tmp_path: Path) -> None:
+    report = example(tmp_path, spaces=PENDULUM, members=8, unused=True, wall_free=0, samples=7)
+    markdown = render_markdown(report)
+    assert "| here, network 8 | – | 50.0 | 0 | – | – | – |" in markdown
+    assert "nan" not in markdown.lower()
+    assert {"horizon-angle_2", "map-selected-0"} <= {panel.name for panel in report.panels}
+
+
+@pytest.mark.parametrize("width", [1, 6])
+def test_imported_logs_have_a_report_without_walls_the_paper_s_claims_or_a_learner(tmp_path: Path, width: int) -> None:
+    unbounded = tuple(Dimension(f"joint_{i}", "rad", -np.inf, np.inf) for i in range(width))
+    spaces = SpaceSpec(unbounded, PENDULUM.action, 0.05)
+    reports, arrays = write_results(tmp_path, spaces=spaces, wall_free=None)
+    (reports / "learner.csv").write_text("index,segment,end_step,return,length,goal_reached\n")
+    segments = {"pendulum": {"behaviour": "imported", "count": 6, "transitions": 1000, "goal_share_last_100": 0.0}}
+    coverage = {"cells_per_dimension": 50, "per_dimension": {"joint_0": 1.0}, "plane": None}
+    (reports / "data.json").write_text(json.dumps(DATA | {"segments": segments, "coverage": coverage}))
+    results = load_results(reports, arrays)
+    report = build_report(results, origin(spaces), None)
+    text = render_markdown(report)
+    for absent in ("wall", "leave the bounds", "leaves the bounds", "Table 1", "goal", "nan"):
+        assert absent not in text, absent
+    for claim in ("the paper, ", "held against the paper", "claim"):
+        assert claim not in text, claim
+    assert "5 stretches of 30 steps from held-out episodes" in text
+    assert "the params file asks for 50, but no held-out episode is longer" in text
+    shown = {panel.name for panel in report.panels}
+    assert {f"rollout-0-joint_{i}" for i in range(width)} < shown
+    assert ("map-selected-0" in shown) == (width > 1)
+    assert headline(results, None)["rollout_mse/joint_0"] == 1e-6
+
+
+@pytest.mark.slow
+def test_rollouts_of_acrobot_have_their_angles_and_energy_in_the_report(tmp_path: Path) -> None:
+    changes: dict[str, Any] = {"wall_free": None, "segments": {"learning": 3, "zero_torque": 2}}
+    spaces = acrobot_spaces()
+    report = build_report(load_results(*write_results(tmp_path, spaces=spaces, **changes)), origin(spaces), None)
+    shown = [panel.name for panel in report.panels]
+    assert {f"{name}-{group}" for name in ("angle-1-error", "energy-drift") for group in (0, 1)} < set(shown)
+    assert len(shown) == len(set(shown))
+    text = render_markdown(report)
+    assert "Time until the angle error passes 0.5 rad" in text
+    assert "wall contact" not in text
+    assert "nan" not in text.lower()
+
+
+FINDINGS = [
+    {
+        "kind": "gap",
+        "dimension": "",
+        "count": 3,
+        "of": 1500,
+        "first": {"log": "arm-1.mcap", "episode": 2, "step": 7, "value": 0.4},
+        "blocking": False,
+        "meaning": "gaps in time inside an episode",
+    },
+    {
+        "kind": "non_finite",
+        "dimension": "",
+        "count": 1200,
+        "of": None,
+        "first": {"log": "arm-2.mcap", "episode": None, "step": None, "value": None},
+        "blocking": False,
+        "meaning": "values that are not finite",
+    },
+    {
+        "kind": "stuck",
+        "dimension": "observation.velocity",
+        "count": 2000,
+        "of": 2000,
+        "first": None,
+        "blocking": True,
+        "meaning": "constant over the whole recording",
+    },
+]
+
+
+def section(data: dict[str, Any]) -> tuple[Block, ...]:
+    return quality_blocks(DataResult.model_validate(DATA | data))
+
+
+def test_data_without_fault_is_said_to_be_so() -> None:
+    (text,) = section({})
+    assert isinstance(text, Text)
+    assert text.paragraphs[0].startswith("Nothing was found wrong with the 2,000 transitions")
+
+
+def test_each_finding_has_its_place_and_says_whether_training_goes_on() -> None:
+    (table,) = section({"quality": FINDINGS})
+    assert isinstance(table, Table)
+    assert [row.cells for row in table.rows] == [
+        ("gaps in time inside an episode", "–", "3", "0.2\u202f%", "arm-1.mcap", "2", "7", "0.400", "goes on"),
+        ("values that are not finite", "–", "1,200", "–", "arm-2.mcap", "–", "–", "–", "goes on"),
+        ("constant over the whole recording", "velocity", "2,000", "100.0\u202f%", "–", "–", "–", "–", "stops"),
+    ]
+
+
+@pytest.mark.parametrize(("files", "headers"), [(1, ["arm-0.mcap"]), (2, ["all files", "arm-0.mcap", "arm-1.mcap"])])
+def test_an_import_has_its_counts_by_file(files: int, headers: list[str]) -> None:
+    counts = {f"logs/arm-{index}.mcap": {"messages": 1000, "odd_ones": index} for index in range(files)}
+    _, table = section({"import": {"files": counts, "totals": {"messages": 1000 * files}, "details": {"rate": 3}}})
+    assert isinstance(table, Table)
+    assert [column.header for column in table.columns] == ["Count", "what it is", *headers]
+    messages, odd = (row.cells for row in table.rows)
+    assert messages[:3] == ("messages", "messages of the topics that are used", f"{1000 * files:,}")
+    assert odd[:4] == (("odd ones", "–", "–", "0") if files > 1 else ("odd ones", "–", "–"))
+
+
+def test_an_import_of_many_files_has_its_totals_alone() -> None:
+    counts = {f"logs/arm-{index}.mcap": {"messages": 1000} for index in range(40)}
+    _, table = section({"import": {"files": counts, "totals": {"messages": 40_000}}})
+    assert isinstance(table, Table)
+    assert [row.cells[2:] for row in table.rows] == [("40,000",)]
+    assert "40 files" in table.caption
+
+
+def test_the_quality_of_the_data_is_a_section_of_the_report(report: Report) -> None:
+    titles = [section.title for section in report.sections]
+    assert titles[titles.index("The data") + 1] == "Data quality"
+    assert "Nothing was found wrong" in render_html(report)
+    assert "Nothing was found wrong" in render_markdown(report)
+
+
+def test_a_title_with_markup_is_text_in_the_page(report: Report) -> None:
+    page = render_html(dataclasses.replace(report, title="<b>&"))
+    assert "<h1>&lt;b&gt;&amp;</h1>" in page
+
+
+def test_one_member_without_addressing_and_a_paper_have_a_report_of_the_rest(tmp_path: Path) -> None:
+    results = load_results(*write_results(tmp_path, members=1, wall_free=0, samples=2))
+    report = build_report(results, origin(runs={}, commit=""), None)
+    assert "the paper, network" not in render_markdown(report)
+    assert "figures taken from the paper" not in report.verdict
+    assert not {"Addressing", "Runs"} & {section.title for section in report.sections}
+    assert "targets/reached" not in headline(results, None)
+
+
+def test_the_headline_counts_the_targets_reached(tmp_path: Path) -> None:
+    results = load_results(*write_results(tmp_path))
+    figures = headline(results, CAR_PAPER)
+    assert figures["targets/reached"] == 4.0
+    assert figures["rollout_mse/velocity"] == 1e-6
+    assert figures["agreement"] == 0.97

@@ -1,0 +1,131 @@
+import dataclasses
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from report_examples import candidate, evaluation, evaluation_json, table
+
+from addressed_dynamics.reporting.common.comparison import relate
+from addressed_dynamics.reporting.common.paper import PAPER
+from addressed_dynamics.reporting.common.records import Evaluation
+from addressed_dynamics.reporting.common.targets import Target, judge_targets
+from addressed_dynamics.reporting.transitions.verdict import findings, verdict
+
+CAR_PAPER = PAPER["mountaincar"]
+errors = st.lists(st.floats(1e-12, 1.0), min_size=1, max_size=5)
+
+
+def judged(found: Evaluation) -> tuple[Target, ...]:
+    return judge_targets(found, CAR_PAPER, transitions=1000)
+
+
+def said(found: Evaluation) -> str:
+    return " ".join([verdict(found, judged(found), CAR_PAPER), *findings(found, CAR_PAPER)])
+
+
+def test_a_model_that_is_better_in_all_beats_one_network_of_the_same_size() -> None:
+    assert "It beats one network of the same size" in said(evaluation((1e-7, 1e-6), (1e-6, 1e-5)))
+
+
+@pytest.mark.parametrize("others", [(1e-8, 1e-7), (1e-7, 1e-6), (1.05e-7, 1.05e-6)], ids=["worse", "same", "close"])
+def test_a_model_that_is_not_clearly_better_does_not_beat_it(others: tuple[float, float]) -> None:
+    text = said(evaluation((1e-7, 1e-6), others))
+    assert "It does not beat one network of the same size" in text
+    assert "It beats" not in text
+
+
+def test_a_model_that_is_better_in_part_is_said_to_be_better_in_that_part() -> None:
+    text = said(evaluation((1e-7, 1e-5), (1e-6, 1e-6)))
+    assert "It is only in part (one step ahead) better than one network of the same size" in text
+
+
+def test_one_seed_that_is_worse_makes_the_difference_unclear() -> None:
+    document = evaluation_json((1e-7, 1e-6), (1e-6, 1e-5))
+    document["candidates"]["ensemble/argmax/seed-1"] = candidate(1e-5, 1e-4)
+    assert "It does not beat one network of the same size" in said(Evaluation.model_validate(document))
+
+
+@given(errors, errors)
+def test_a_relation_turned_round_is_its_opposite(own: list[float], other: list[float]) -> None:
+    opposite = {"lower": "higher", "higher": "lower", "unclear": "unclear"}
+    assert relate(other, own) == opposite[relate(own, other)]
+    assert relate(own, own) == "unclear"
+
+
+def test_the_paper_itself_reaches_the_targets_taken_from_it() -> None:
+    document = evaluation_json((1e-7, 4.859e-8))
+    rows = document["seeds"]["0"]["cost_sensitive"]["members"]
+    for row, network in zip(rows, CAR_PAPER.networks, strict=True):
+        row |= {"selected": network.selected, "not_selected": network.not_selected}
+    document["seeds"]["0"]["cost_sensitive"]["misclassified_per_thousand"] = 27.0
+    found = Evaluation.model_validate(document)
+    assert all(target.met for target in judged(found))
+    assert "reaches all of the five figures" in said(found)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "place"),
+    [("selected", 1.3e-6, 0), ("ratio", 150.0, 1)],
+)
+def test_a_figure_beyond_its_bound_is_missed(key: str, value: float, place: int) -> None:
+    document = evaluation_json((1e-7, 1e-8))
+    document["seeds"]["0"]["cost_sensitive"] = table(**{key: value})
+    targets = judged(Evaluation.model_validate(document))
+    assert [target.met for target in targets] == [index != place for index in range(5)]
+
+
+def test_a_member_that_is_never_selected_is_said_and_counts_as_missed() -> None:
+    found = evaluation(unused=True)
+    first, second, *_ = judged(found)
+    assert (first.met, second.met) == (False, None)
+    assert "never selected" in first.found
+    assert "Subnetwork 2 is never selected" in said(found)
+
+
+def test_what_cannot_be_measured_is_open_and_not_reached() -> None:
+    found = evaluation((1e-7, 1e-8), wall_free=0)
+    assert [target.met for target in judged(found)] == [True, True, True, True, None]
+    assert "reaches four of the five figures taken from the paper; one could not be measured" in said(found)
+
+
+def test_recorded_rollouts_say_nothing_of_walls_and_leave_what_needs_them_open() -> None:
+    found = evaluation((1e-7, 1e-8), wall_free=None)
+    assert [target.met for target in judged(found)] == [True, True, True, True, None]
+    (rollouts,) = (
+        sentence for sentence in findings(found, CAR_PAPER) if "rollouts" in sentence and "median MSE" in sentence
+    )
+    assert rollouts.startswith("In 5 free-running rollouts of 30 steps beside held-out episodes the median MSE is")
+    assert "wall" not in rollouts
+
+
+def test_an_experiment_that_is_not_in_the_paper_is_not_held_against_its_claims() -> None:
+    text = " ".join(findings(evaluation((1e-9, 1e-6), (1e-6, 1e-5)), None))
+    assert "It beats one wide network" in text
+    assert "paper" not in text
+
+
+def test_the_claim_about_the_wide_network_is_held_against_what_it_reached() -> None:
+    assert "is not borne out" in said(evaluation((1e-7, 1e-6), (1e-6, 1e-5)))
+    assert "is borne out" in said(evaluation((1e-9, 1e-6), (1e-6, 1e-5)))
+
+
+def test_subnetworks_that_serve_all_samples_alike_hardly_specialise() -> None:
+    document = evaluation_json()
+    document["seeds"]["0"]["cost_sensitive"] = table(ratio=1.5)
+    assert "hardly specialise" in said(Evaluation.model_validate(document))
+    assert "The subnetworks specialise" in said(evaluation())
+
+
+def test_a_model_without_baselines_is_not_compared() -> None:
+    document = evaluation_json()
+    document["candidates"] = {"ensemble/argmax": document["candidates"]["ensemble/argmax"]}
+    text = said(Evaluation.model_validate(document))
+    assert "one network" not in text
+    assert "Comparisons" not in text
+
+
+def test_an_experiment_with_another_paper_has_its_figures() -> None:
+    assert CAR_PAPER.table is not None
+    table = dataclasses.replace(CAR_PAPER.table, misclassified_at_most=1.0)
+    paper = dataclasses.replace(CAR_PAPER, table=table, rollouts={})
+    assert [target.met for target in judge_targets(evaluation(), paper, transitions=1000)] == [True, True, False]

@@ -1,0 +1,257 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from learning import drive, swing, untrained_model
+
+from addressed_dynamics.base.errors import ModelError
+from addressed_dynamics.episodes.transitions import DiscreteAction, Transitions
+from addressed_dynamics.networks.files import SavedNetwork, save_network
+from addressed_dynamics.networks.stacked import StackedMLP
+from addressed_dynamics.simulators.addressed import MODES, AddressedDynamics, Mode
+
+WORLDS = {"car": drive((30, 20)), "arm": swing()}
+HIDDEN = {"tanh": np.tanh, "relu": lambda x: np.maximum(x, 0.0)}
+
+
+def layers(stack: StackedMLP) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Weights (member, in, out) and biases (member, out) in float64."""
+    pairs = zip(stack.weights, stack.biases, strict=True)
+    return [(weight.double().numpy(), bias.double().numpy()[:, 0]) for weight, bias in pairs]
+
+
+def one_network(x: np.ndarray, parameters: list[tuple[np.ndarray, np.ndarray]], activation: str) -> np.ndarray:
+    for index, (weight, bias) in enumerate(parameters):
+        x = x @ weight + bias
+        x = HIDDEN[activation](x) if index < len(parameters) - 1 else x
+    return x
+
+
+def naive(model: AddressedDynamics, observation: np.ndarray, action: np.ndarray, mode: str) -> np.ndarray:
+    """Predict one sample after the other in float64: the oracle."""
+    features, ensemble, addressing = model.features, model.ensemble, model.addressing
+    assert addressing is not None
+    discrete = isinstance(features.spaces.action, DiscreteAction)
+    address, stacked = [(w[0], b[0]) for w, b in layers(addressing)], layers(ensemble)
+    members = [[(w[m], b[m]) for w, b in stacked] for m in range(ensemble.members)]
+    rows = []
+    for state, act in zip(observation.astype(np.float64), action, strict=True):
+        encoded = np.eye(features.spaces.action.count)[act] if discrete else act.astype(np.float64)
+        x = (np.concatenate([state, encoded]) - features.input_mean) / features.input_deviation
+        scores = one_network(x, address, addressing.activation)
+        probability = np.exp(scores) / np.exp(scores).sum()
+        outputs = np.array([one_network(x, member, ensemble.activation) for member in members])
+        if mode == "argmax":
+            output = outputs[probability.argmax()]
+        elif mode == "mixture":
+            output = probability @ outputs
+        else:
+            mixed = [(np.tensordot(probability, w, 1), np.tensordot(probability, b, 1)) for w, b in stacked]
+            output = one_network(x, mixed, ensemble.activation)
+        target = (output * features.target_deviation + features.target_mean) * features.scale
+        rows.append(target + state if features.target == "change" else target)
+    return np.array(rows)
+
+
+def assert_near(found: np.ndarray, expected: np.ndarray, model: AddressedDynamics) -> None:
+    scale = np.array(model.features.scale)
+    np.testing.assert_allclose(found / scale, expected / scale, rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize("mode", ["argmax", "mixture", "blend"])
+@pytest.mark.parametrize("world", WORLDS.values(), ids=WORLDS)
+@pytest.mark.parametrize("target", ["absolute", "change"])
+def test_a_mode_gives_what_the_naive_formula_gives(mode: Mode, world: Transitions, target: str) -> None:
+    model = untrained_model(world, target=target)
+    predicted = model.predict(world.observation, world.action, mode)
+    assert_near(predicted, naive(model, world.observation, world.action, mode), model)
+
+
+def test_sampling_draws_each_member_as_often_as_its_probability_says() -> None:
+    world = WORLDS["car"]
+    model = untrained_model(world)
+    observation = np.repeat(world.observation[:1], 20_000, axis=0)
+    action = np.repeat(world.action[:1], 20_000)
+    members = model.member_predictions(torch.from_numpy(observation[:1]), torch.from_numpy(action[:1]))[:, 0]
+    drawn = model.predict(observation, action, "sample", generator=torch.Generator().manual_seed(0))
+    member = (torch.from_numpy(drawn)[:, None] - members).abs().sum(dim=2).argmin(dim=1)
+    torch.testing.assert_close(torch.from_numpy(drawn), members[member], rtol=1e-5, atol=1e-6)
+    assert model.addressing is not None
+    x = model.features.encode(torch.from_numpy(observation[:1]), torch.from_numpy(action[:1]))
+    probability = torch.softmax(model.addressing(x)[0, 0], dim=0)
+    shares = torch.bincount(member, minlength=3) / len(member)
+    torch.testing.assert_close(shares, probability, rtol=0.0, atol=0.015)  # four standard errors
+
+
+def test_sampling_follows_its_generator() -> None:
+    world = WORLDS["car"]
+    model = untrained_model(world)
+    first, again, other = (
+        model.predict(world.observation, world.action, "sample", generator=torch.Generator().manual_seed(seed))
+        for seed in (0, 0, 1)
+    )
+    np.testing.assert_array_equal(first, again)
+    assert (first != other).any()
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("world", WORLDS.values(), ids=WORLDS)
+def test_arrays_give_arrays_and_tensors_give_tensors_with_the_same_numbers(mode: Mode, world: Transitions) -> None:
+    model = untrained_model(world)
+    observation, action = torch.from_numpy(world.observation), torch.from_numpy(world.action)
+    generators = [torch.Generator().manual_seed(0) for _ in range(2)]
+    array = model.predict(world.observation, world.action, mode, generator=generators[0])
+    tensor = model.predict(observation, action, mode, generator=generators[1])
+    assert isinstance(array, np.ndarray)
+    assert isinstance(tensor, torch.Tensor)
+    assert array.dtype == np.float32
+    assert not tensor.requires_grad
+    np.testing.assert_array_equal(array, tensor)
+
+
+def test_arrays_of_any_layout_and_precision_are_understood_and_left_alone() -> None:
+    world = WORLDS["car"]
+    model = untrained_model(world)
+    expected = model.predict(world.observation, world.action)
+    double = np.asfortranarray(world.observation.astype(np.float64))
+    double.flags.writeable = False
+    np.testing.assert_array_equal(model.predict(double, world.action.astype(np.int32)), expected)
+    backwards = model.predict(world.observation[::-1], world.action[::-1])
+    np.testing.assert_allclose(backwards[::-1], expected, rtol=1e-5, atol=1e-7)
+    backwards[:] = 0.0
+    assert world.observation.any()
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("world", WORLDS.values(), ids=WORLDS)
+def test_a_rollout_is_a_repeated_prediction(mode: Mode, world: Transitions) -> None:
+    model = untrained_model(world)
+    first, actions = world.observation[:3], world.action[:12].reshape(3, 4, *world.action.shape[1:])
+    generators = [torch.Generator().manual_seed(0) for _ in range(2)]
+    rolled = model.rollout(first, actions, mode, generator=generators[0])
+    state, states = first, []
+    for step in range(4):
+        state = model.predict(state, actions[:, step], mode, generator=generators[1])
+        states.append(state)
+    assert rolled.dtype == np.float32
+    np.testing.assert_array_equal(rolled, np.stack(states, axis=1))
+
+
+def test_rollouts_of_no_steps_and_predictions_of_no_samples_are_empty() -> None:
+    model = untrained_model(WORLDS["car"])
+    assert model.rollout(np.zeros((3, 2), np.float32), np.zeros((3, 0), np.int64)).shape == (3, 0, 2)
+    for mode in MODES:
+        assert model.predict(np.zeros((0, 2), np.float32), np.zeros(0, np.int64), mode).shape == (0, 2)
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_a_model_of_one_member_needs_no_addressing(mode: Mode) -> None:
+    world = WORLDS["car"]
+    model = untrained_model(world, members=1)
+    expected = model.member_predictions(torch.from_numpy(world.observation), torch.from_numpy(world.action))[0]
+    np.testing.assert_allclose(model.predict(world.observation, world.action, mode), expected, rtol=1e-5, atol=1e-6)
+    assert model.address(torch.from_numpy(world.observation), torch.from_numpy(world.action)).tolist() == [0] * 50
+
+
+@pytest.mark.parametrize(
+    ("observation", "action", "message"),
+    [
+        (np.zeros((3, 4)), np.zeros(3, int), r"shape \(B, 2\)"),
+        (np.zeros(2), np.zeros(1, int), r"shape \(B, 2\)"),
+        (np.zeros((3, 2)), np.zeros(2, int), "discrete actions should be integers"),
+        (np.zeros((3, 2)), np.zeros(3), "discrete actions should be integers"),
+        (np.zeros((3, 2)), np.array([0, 1, 3]), r"0\.\.2"),
+    ],
+)
+def test_wrong_shapes_and_actions_are_refused(observation: np.ndarray, action: np.ndarray, message: str) -> None:
+    model = untrained_model(WORLDS["car"])
+    with pytest.raises(ModelError, match=message):
+        model.predict(observation, action)
+
+
+@pytest.mark.parametrize("actions", [np.zeros(3, int), np.zeros((2, 5), int)])
+def test_actions_that_do_not_fit_a_rollout_are_refused(actions: np.ndarray) -> None:
+    with pytest.raises(ModelError, match=r"actions should have shape \(3, T"):
+        untrained_model(WORLDS["car"]).rollout(np.zeros((3, 2)), actions)
+
+
+def test_a_mode_that_does_not_exist_is_refused() -> None:
+    world = WORLDS["car"]
+    with pytest.raises(ModelError, match="no addressing mode 'best'"):
+        untrained_model(world).predict(world.observation, world.action, "best")  # type: ignore[arg-type]
+
+
+def test_networks_that_do_not_fit_are_refused() -> None:
+    model = untrained_model(WORLDS["car"])
+    with pytest.raises(ModelError, match="4 inputs to 2 outputs"):
+        AddressedDynamics(model.features, StackedMLP(1, (4, 2), "relu"))
+    with pytest.raises(ModelError, match="3 members needs an addressing network"):
+        AddressedDynamics(model.features, model.ensemble)
+    with pytest.raises(ModelError, match="should be one network with 5 inputs and 3 outputs"):
+        AddressedDynamics(model.features, model.ensemble, StackedMLP(1, (5, 2), "relu"))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A model folder with two seeds and two variants, all different."""
+    folder = tmp_path_factory.mktemp("models") / "car"
+    for seed in (4, 2):
+        for number, variant in enumerate(("plain", "cost_sensitive")):
+            model = untrained_model(WORLDS["car"], seed=seed)
+            addressing = untrained_model(WORLDS["car"], seed=10 * seed + number).addressing
+            assert addressing is not None
+            save_network(folder / "ensemble" / f"seed-{seed}", SavedNetwork(model.ensemble, model.features, {}))
+            save_network(folder / "addressing" / f"seed-{seed}" / variant, SavedNetwork(addressing, model.features, {}))
+    index = {"format": 1, "delivered": {"4": "cost_sensitive", "2": "plain"}, "variants": ["plain", "cost_sensitive"]}
+    (folder / "addressing" / "addressing.json").write_text(json.dumps(index))
+    return folder
+
+
+def is_of(model: AddressedDynamics, seed: int, variant: str) -> bool:
+    number = ["plain", "cost_sensitive"].index(variant)
+    addressing = untrained_model(WORLDS["car"], seed=10 * seed + number).addressing
+    assert addressing is not None
+    assert model.addressing is not None
+    ensemble = untrained_model(WORLDS["car"], seed=seed).ensemble
+    return torch.equal(model.ensemble.weights[0], ensemble.weights[0]) and torch.equal(
+        model.addressing.weights[0], addressing.weights[0]
+    )
+
+
+def test_what_is_delivered_is_loaded_unless_another_is_asked_for(folder: Path) -> None:
+    assert is_of(AddressedDynamics.load(folder), 4, "cost_sensitive")
+    assert is_of(AddressedDynamics.load(str(folder), seed=2), 2, "plain")
+    assert is_of(AddressedDynamics.load(folder, variant="plain"), 4, "plain")
+    assert is_of(AddressedDynamics.load(folder, seed=2, variant="cost_sensitive"), 2, "cost_sensitive")
+
+
+def test_a_loaded_model_predicts_what_the_saved_one_predicted(folder: Path) -> None:
+    world, loaded = WORLDS["car"], AddressedDynamics.load(folder)
+    saved = AddressedDynamics(
+        untrained_model(world, seed=4).features,
+        untrained_model(world, seed=4).ensemble,
+        untrained_model(world, seed=41).addressing,
+    )
+    np.testing.assert_array_equal(
+        loaded.predict(world.observation, world.action), saved.predict(world.observation, world.action)
+    )
+
+
+def test_a_seed_or_variant_that_was_not_trained_is_refused_with_those_that_were(folder: Path) -> None:
+    with pytest.raises(ModelError, match=r"seed 7 was not trained \(seeds there: 4, 2\)"):
+        AddressedDynamics.load(folder, seed=7)
+    with pytest.raises(ModelError, match=r"no addressing variant 'best' \(variants there: plain, cost_sensitive\)"):
+        AddressedDynamics.load(folder, variant="best")
+
+
+def test_a_folder_that_is_missing_or_incomplete_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ModelError, match="no such model folder"):
+        AddressedDynamics.load(tmp_path / "nowhere")
+    (tmp_path / "addressing").mkdir()
+    with pytest.raises(ModelError, match="not a whole model folder"):
+        AddressedDynamics.load(tmp_path)
+    (tmp_path / "addressing" / "addressing.json").write_text('{"format": 1, "delivered": 3, "variants": []}')
+    with pytest.raises(ModelError, match="incomplete or malformed"):
+        AddressedDynamics.load(tmp_path)

@@ -1,0 +1,125 @@
+"""MotionModel: its modes, its files, and what it refuses."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from motions import make_motion
+
+from addressed_dynamics.base.errors import ModelError
+from addressed_dynamics.base.params.motion import MotionFeatureParams
+from addressed_dynamics.features.motion.features import MotionFeatures, fit_motion_features
+from addressed_dynamics.networks.phase_functioned import catmull_rom
+from addressed_dynamics.networks.stacked import StackedMLP
+from addressed_dynamics.simulators.motion import MOTION_MODES, MotionMode, MotionModel
+
+MOTION = make_motion(rows=24)
+X = torch.from_numpy(MOTION.x)
+FEATURES = fit_motion_features(MOTION, MotionFeatureParams(target="change"))
+
+
+def stack(members: int, *widths: int, seed: int = 0) -> StackedMLP:
+    return StackedMLP(members, widths, "elu", torch.Generator().manual_seed(seed)).requires_grad_(False)
+
+
+def addressed(mode: MotionMode = "argmax") -> MotionModel:
+    return MotionModel(FEATURES, stack(3, 342, 8, 311), stack(1, 342, 8, 3, seed=1), mode=mode)
+
+
+def phased() -> MotionModel:
+    return MotionModel(FEATURES, stack(4, 342, 8, 311), mode="phase")
+
+
+def test_argmax_gives_the_prediction_of_the_member_that_is_addressed() -> None:
+    model = addressed()
+    chosen = model.member_predictions(X)[model.address(X), torch.arange(len(X))]
+    torch.testing.assert_close(model.predict(X), chosen)
+
+
+def test_a_mixture_is_the_weighted_mean_of_the_members_predictions() -> None:
+    model = addressed()
+    mean = torch.einsum("rm,mro->ro", model.probabilities(X), model.member_predictions(X))
+    torch.testing.assert_close(model.predict(X, "mixture"), mean, atol=1e-4, rtol=1e-4)
+
+
+def test_sampling_follows_the_probabilities_and_repeats_with_the_generator() -> None:
+    model = addressed()
+    first, second = (model.predict(X, "sample", generator=torch.Generator().manual_seed(3)) for _ in range(2))
+    assert torch.equal(first, second)
+    assert not torch.equal(first, model.predict(X, "sample", generator=torch.Generator().manual_seed(4)))
+
+
+def test_a_blend_of_equal_members_is_that_member() -> None:
+    networks = stack(3, 342, 8, 311)
+    for parameter in networks.parameters():
+        parameter[1:] = parameter[:1]
+    model = MotionModel(FEATURES, networks, stack(1, 342, 8, 3))
+    torch.testing.assert_close(model.predict(X, "blend"), model.predict(X), atol=1e-4, rtol=1e-4)
+
+
+def test_a_phase_functioned_model_follows_the_phase() -> None:
+    model, phase = phased(), torch.linspace(0, 1, len(X))
+    output = model.networks.forward_blended(FEATURES.encode(X), catmull_rom(phase))
+    torch.testing.assert_close(model.predict(X, phase=phase), FEATURES.decode(output, X))
+    assert not torch.allclose(model.predict(X, phase=phase), model.predict(X, phase=phase + 0.3))
+
+
+def test_arrays_give_arrays_and_one_network_needs_no_addressing() -> None:
+    model = MotionModel(FEATURES, stack(1, 342, 8, 311))
+    predicted = model.predict(MOTION.x)
+    assert isinstance(predicted, np.ndarray)
+    np.testing.assert_array_equal(predicted, model.predict(X).numpy())
+
+
+def test_a_predictor_takes_inputs_and_phases() -> None:
+    phase = torch.linspace(0, 1, len(X))
+    assert torch.equal(phased().predictor()(X, phase), phased().predict(X, phase=phase))
+    assert torch.equal(addressed().predictor("mixture")(X, phase), addressed().predict(X, "mixture"))
+
+
+@pytest.mark.parametrize("model", [addressed("blend"), phased(), MotionModel(FEATURES, stack(1, 342, 8, 311))])
+def test_a_saved_model_predicts_as_before(model: MotionModel, tmp_path: Path) -> None:
+    model.save(tmp_path / "model", {"seed": 0})
+    loaded = MotionModel.load(tmp_path / "model")
+    phase = torch.linspace(0, 1, len(X))
+    assert loaded.mode == model.mode
+    assert torch.equal(loaded.predict(X, phase=phase), model.predict(X, phase=phase))
+
+
+@pytest.mark.parametrize(("build", "match"), [
+    (lambda f: MotionModel(f, stack(3, 342, 8, 311)), "3 members need an addressing network .* is missing"),
+    (lambda f: MotionModel(f, stack(3, 342, 8, 311), stack(1, 342, 2)), "is one from 342 to 2"),
+    (lambda f: MotionModel(f, stack(1, 5, 8, 311)), "map 5 inputs to 311 outputs"),
+    (lambda f: MotionModel(f, stack(3, 342, 8, 311), mode="phase"), "has 4 control points"),
+])  # fmt: skip
+def test_networks_that_do_not_fit_are_refused(build, match: str) -> None:  # type: ignore[no-untyped-def]
+    with pytest.raises(ModelError, match=match):
+        build(FEATURES)
+
+
+@pytest.mark.parametrize(("mode", "phase", "match"), [
+    (None, None, "there is none"),
+    (None, torch.zeros(3), r"they have shape \(3,\)"),
+    ("argmax", torch.zeros(48), "has no mode 'argmax'"),
+])  # fmt: skip
+def test_a_phase_functioned_model_asks_for_phases(mode: MotionMode | None, phase: torch.Tensor, match: str) -> None:
+    with pytest.raises(ModelError, match=match):
+        phased().predict(X, mode, phase=phase)
+
+
+def test_a_mode_that_does_not_exist_is_refused() -> None:
+    with pytest.raises(ModelError, match=", ".join(MOTION_MODES)):
+        addressed().predict(X, "guess")  # type: ignore[arg-type] # that is the point
+
+
+def test_a_missing_folder_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ModelError, match="no such model folder"):
+        MotionModel.load(tmp_path / "nothing")
+
+
+def test_features_of_the_model_are_those_it_was_saved_with(tmp_path: Path) -> None:
+    addressed().save(tmp_path / "model", {})
+    loaded = MotionModel.load(tmp_path / "model")
+    assert isinstance(loaded.features, MotionFeatures)
+    assert loaded.features == FEATURES
