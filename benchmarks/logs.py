@@ -19,7 +19,7 @@ from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import Writer
 from measuring import median_ratio, print_table, take_turns
 
-from addressed_dynamics.episodes import TransitionTable, write_table
+from addressed_dynamics.episodes.parquet import TransitionTable, write_table
 from addressed_dynamics.episodes.transitions import Dimension, DiscreteAction, SpaceSpec, Transitions
 from addressed_dynamics.logs import RunInfo, TransitionLogWriter, read_log, write_log
 from addressed_dynamics.logs.schema import TRANSITION_SCHEMA, schema_data, transition_file

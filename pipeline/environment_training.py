@@ -1,7 +1,7 @@
 """What models of an environment are trained on."""
 
 from addressed_dynamics.base.params.experiments import FeatureParams
-from addressed_dynamics.episodes import load_transitions
+from addressed_dynamics.episodes.parquet import load_transitions
 from addressed_dynamics.features.transitions.spec import FeatureSpec, fit_features
 from pipeline.common import tables_dir
 from pipeline.training import TrainingData

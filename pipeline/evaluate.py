@@ -9,8 +9,9 @@ from addressed_dynamics.base.files import atomic_path, save_arrays, write_json
 from addressed_dynamics.base.params.experiments import load_params
 from addressed_dynamics.base.params.training import EnsembleParams
 from addressed_dynamics.base.torch_runtime import prepare_torch
-from addressed_dynamics.episodes import Split, load_transitions
 from addressed_dynamics.episodes.index import read_episodes
+from addressed_dynamics.episodes.parquet import load_transitions
+from addressed_dynamics.episodes.splits import Split
 from addressed_dynamics.evaluation.transitions.candidates import (
     baseline_candidates,
     ensemble_candidates,

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from addressed_dynamics.episodes.layout import JOINTS, PARENTS
-from addressed_dynamics.sources.motion.bvh import write_bvh
-from addressed_dynamics.sources.motion.hierarchy import Skeleton
+from addressed_dynamics.logs.bvh import write_bvh
+from addressed_dynamics.logs.hierarchy import Skeleton
 
 LEG = ((0, 0, 0), (1.4, -1.8, 0.8), (2.4, -6.8, 0), (2.5, -7, 0), (0.2, -0.5, 2.4))
 SPINE = ((0, 0, 0), (0, 2, -0.2), (0.1, 2, 0), (0, 0.1, 0), (0, 1.7, 0.2), (0.1, 1.8, -0.1))

@@ -14,7 +14,7 @@ from example_params import write_params
 from ruamel.yaml import YAML
 
 from addressed_dynamics.base.params.experiments import load_params
-from addressed_dynamics.episodes import load_transitions
+from addressed_dynamics.episodes.parquet import load_transitions
 
 ROOT = Path(__file__).parents[1]
 EXAMPLE = ROOT / "examples" / "pendulum"

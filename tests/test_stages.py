@@ -15,7 +15,7 @@ import pytest
 from example_params import EXAMPLE, MOTION, segment, write_params
 
 from addressed_dynamics.base.errors import LogError
-from addressed_dynamics.episodes import load_transitions
+from addressed_dynamics.episodes.parquet import load_transitions
 from addressed_dynamics.sources.motion.splits import MOTION_SPLITS
 from addressed_dynamics.sources.motion.tables import read_columns
 from pipeline import import_motion, make_clips

@@ -7,7 +7,7 @@ import pytest
 from builders import car_transitions, write_log
 from mcap.reader import make_reader
 
-from addressed_dynamics.cli.main import main as cli
+from addressed_dynamics.cli import main as cli
 from addressed_dynamics.logs import read_log
 
 

@@ -7,8 +7,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from addressed_dynamics.episodes import assign_splits
-from addressed_dynamics.episodes.splits import episode_places
+from addressed_dynamics.episodes.splits import assign_splits, episode_places
 
 shares = st.sampled_from([0.0, 0.05, 0.1, 0.3, 0.45])
 identifiers = st.lists(st.integers(0, 2**62), unique=True, max_size=40)

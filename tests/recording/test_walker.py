@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from addressed_dynamics.base.errors import MotionError
 from addressed_dynamics.episodes.layout import JOINTS, PARENTS
+from addressed_dynamics.logs.bvh import read_bvh
 from addressed_dynamics.recording.walker import make_walker_clips
 from addressed_dynamics.recording.walker.body import OFFSETS
 from addressed_dynamics.recording.walker.clips import CM_PER_UNIT, Clip, mirrored, walk
@@ -18,7 +19,6 @@ from addressed_dynamics.recording.walker.curves import RATE, about_x, about_y, a
 from addressed_dynamics.recording.walker.feet import swing
 from addressed_dynamics.recording.walker.pose import pose
 from addressed_dynamics.recording.walker.script import SCRIPTS, commands, draw_style
-from addressed_dynamics.sources.motion.bvh import read_bvh
 
 SECONDS = 9.0
 MINUTES = 16 * 6 / 60

@@ -7,7 +7,7 @@ import pytest
 from learning import ADDRESSING, ENSEMBLE, drive, untrained_model
 
 from addressed_dynamics.base.errors import EvaluationError, ModelError
-from addressed_dynamics.episodes import Split
+from addressed_dynamics.episodes.splits import Split
 from addressed_dynamics.evaluation.transitions.candidates import baseline_candidates, baseline_label, load_other_recipe
 from addressed_dynamics.evaluation.transitions.points import Points
 from addressed_dynamics.evaluation.transitions.suite import (

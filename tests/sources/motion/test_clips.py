@@ -9,9 +9,9 @@ from naive_motion import read_naively
 
 from addressed_dynamics.base.errors import MotionError
 from addressed_dynamics.episodes.layout import GAITS, INPUT, INPUT_HEIGHTS, JOINTS, NOW, OUTPUT, PARENTS
-from addressed_dynamics.sources.motion.bvh import read_bvh, write_bvh
+from addressed_dynamics.logs.bvh import read_bvh, write_bvh
+from addressed_dynamics.logs.hierarchy import Skeleton
 from addressed_dynamics.sources.motion.clips import read_clip, read_clips
-from addressed_dynamics.sources.motion.hierarchy import Skeleton
 
 
 @pytest.fixture(scope="module")

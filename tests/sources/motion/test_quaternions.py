@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from addressed_dynamics.sources.motion.hierarchy import ORDERS
+from addressed_dynamics.logs.hierarchy import ORDERS
 from addressed_dynamics.sources.motion.quaternions import about, between, from_euler, logarithm, multiply, rotate
 
 SEEDS = st.integers(0, 2**32 - 1)

@@ -13,8 +13,8 @@ from builders import write_log as write_transitions
 
 from addressed_dynamics.base.errors import LogError, TableError
 from addressed_dynamics.base.params.experiments import ConvertParams
-from addressed_dynamics.episodes import load_transitions, read_table
 from addressed_dynamics.episodes.index import read_episodes
+from addressed_dynamics.episodes.parquet import load_transitions, read_table
 from addressed_dynamics.episodes.splits import episode_places
 from addressed_dynamics.episodes.statistics import column_names, column_values
 from addressed_dynamics.episodes.transitions import SpaceSpec, Transitions

@@ -8,7 +8,7 @@ import pytest
 from builders import CAR, assert_same, car_transitions, write_log
 
 from addressed_dynamics.base.errors import AddressedDynamicsError, LogError, TableError
-from addressed_dynamics.episodes import TransitionTable, write_table
+from addressed_dynamics.episodes.parquet import TransitionTable, write_table
 from addressed_dynamics.episodes.transitions import Transitions
 from addressed_dynamics.sources.transitions.reading import read_transitions
 

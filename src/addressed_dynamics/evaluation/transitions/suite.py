@@ -11,7 +11,7 @@ from torch import Tensor
 
 from addressed_dynamics.base.errors import EvaluationError
 from addressed_dynamics.base.params.experiments import EnvironmentRollouts, RecordedRollouts
-from addressed_dynamics.episodes import Split
+from addressed_dynamics.episodes.splits import Split
 from addressed_dynamics.evaluation.common.specialisation import specialisation
 from addressed_dynamics.evaluation.transitions.addressing_table import addressing_table
 from addressed_dynamics.evaluation.transitions.candidates import Candidate, OtherRecipe

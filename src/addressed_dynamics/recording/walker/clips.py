@@ -11,14 +11,14 @@ from jaxtyping import Float64, Int64
 from addressed_dynamics.base.errors import MotionError
 from addressed_dynamics.base.files import atomic_path, write_text
 from addressed_dynamics.episodes.layout import JOINTS, PARENTS
+from addressed_dynamics.logs.bvh import write_bvh
+from addressed_dynamics.logs.hierarchy import Skeleton
 from addressed_dynamics.recording.walker.body import MIRRORED, OFFSETS
 from addressed_dynamics.recording.walker.course import MARGIN, follow
 from addressed_dynamics.recording.walker.curves import RATE, Vectors, angles_of
 from addressed_dynamics.recording.walker.feet import swing
 from addressed_dynamics.recording.walker.pose import Joints, pose
 from addressed_dynamics.recording.walker.script import GAITS, SCRIPTS, Command, commands, draw_style
-from addressed_dynamics.sources.motion.bvh import write_bvh
-from addressed_dynamics.sources.motion.hierarchy import Skeleton
 
 PREFIX = "Walker"
 """What the names of all clips begin with."""

@@ -11,7 +11,8 @@ from jaxtyping import Float64
 from addressed_dynamics.base.errors import MotionError
 from addressed_dynamics.episodes.layout import FRAME_RATE, JOINTS, PARENTS
 from addressed_dynamics.episodes.motion import Motion
-from addressed_dynamics.sources.motion.bvh import Bvh, read_bvh
+from addressed_dynamics.logs.bvh import Bvh, read_bvh
+from addressed_dynamics.logs.text import parse_table, read_lines
 from addressed_dynamics.sources.motion.extraction import (
     GAIT_LABELS,
     crouch_by_height,
@@ -23,7 +24,6 @@ from addressed_dynamics.sources.motion.extraction import (
 from addressed_dynamics.sources.motion.footsteps import parse_cycles, rows_of, within
 from addressed_dynamics.sources.motion.kinematics import Poses, facing, forward_kinematics, joint_rotations
 from addressed_dynamics.sources.motion.terrain import flat_ground, mapped_ground, read_height_map
-from addressed_dynamics.sources.motion.text import parse_table, read_lines
 
 CENTIMETRES = 5.6444
 """Length of a unit of the BVH files, in cm."""

@@ -10,9 +10,9 @@ from jaxtyping import Bool, Float64, Int64
 
 from addressed_dynamics.base.errors import MotionError
 from addressed_dynamics.episodes.layout import JOINTS, OFFSETS
+from addressed_dynamics.logs.text import parse_table, read_lines
 from addressed_dynamics.sources.motion.footsteps import REACH, Cycle
 from addressed_dynamics.sources.motion.kinematics import Poses
-from addressed_dynamics.sources.motion.text import parse_table, read_lines
 
 FEET = tuple(JOINTS.index(name) for name in ("LeftFoot", "LeftToeBase", "RightFoot", "RightToeBase"))
 """Joints of the heels and toes, in the order of `layout.CONTACTS`."""

@@ -19,12 +19,13 @@ from addressed_dynamics.base.errors import LogError, TableError
 from addressed_dynamics.base.files import atomic_path, write_json
 from addressed_dynamics.base.params.experiments import ConvertParams
 from addressed_dynamics.base.processes import OrderedMap, worker_processes
-from addressed_dynamics.episodes import SPLITS, Split, TransitionTable, assign_splits, table_writer
 from addressed_dynamics.episodes.coverage import Occupancy, count_duplicates, first_duplicate, row_fingerprints
 from addressed_dynamics.episodes.findings import Finding, find, findings_to_json, refuse_useless
 from addressed_dynamics.episodes.imports import ImportRecord, read_import_record
 from addressed_dynamics.episodes.index import Episode, write_episodes
+from addressed_dynamics.episodes.parquet import TransitionTable, table_writer
 from addressed_dynamics.episodes.quality import Fences, Place, Quality, Tally, outlier_fences, outlier_sample
+from addressed_dynamics.episodes.splits import SPLITS, Split, assign_splits
 from addressed_dynamics.episodes.statistics import Moments, Sample, column_names, column_values, moments_to_json
 from addressed_dynamics.episodes.summary import data_report, split_sizes, write_learner_curve
 from addressed_dynamics.episodes.transitions import SpaceSpec, Transitions

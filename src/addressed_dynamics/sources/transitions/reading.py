@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from addressed_dynamics.base.errors import AddressedDynamicsError, LogError, TransitionsError
-from addressed_dynamics.episodes import load_transitions, read_table
+from addressed_dynamics.episodes.parquet import load_transitions, read_table
 from addressed_dynamics.episodes.transitions import Transitions
 from addressed_dynamics.logs import read_log
 

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from addressed_dynamics.base.errors import MotionError
-from addressed_dynamics.sources.motion.bvh import read_bvh, write_bvh
-from addressed_dynamics.sources.motion.hierarchy import ORDERS, Skeleton
+from addressed_dynamics.logs.bvh import read_bvh, write_bvh
+from addressed_dynamics.logs.hierarchy import ORDERS, Skeleton
 
 TWO_JOINTS = """HIERARCHY
 ROOT Hips

@@ -11,8 +11,8 @@ from jaxtyping import Float64
 
 from addressed_dynamics.base.errors import MotionError
 from addressed_dynamics.base.files import atomic_path
-from addressed_dynamics.sources.motion.hierarchy import Skeleton, Words, hierarchy_lines, read_hierarchy
-from addressed_dynamics.sources.motion.text import parse_table, read_lines
+from addressed_dynamics.logs.hierarchy import Skeleton, Words, hierarchy_lines, read_hierarchy
+from addressed_dynamics.logs.text import parse_table, read_lines
 
 
 @dataclass(frozen=True)
