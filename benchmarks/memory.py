@@ -96,10 +96,10 @@ def read_long() -> None:
 
 def convert() -> None:
     """Convert the logs; print the memory before, and the peak of this process and of its workers."""
-    from addressed_dynamics.base.params.experiments import load_params
+    from addressed_dynamics.base.params.experiments import load_experiment
     from addressed_dynamics.sources.transitions.conversion import convert_recording
 
-    params = load_params(PARAMS_FILE, EXPERIMENT).convert
+    params = load_experiment(PARAMS_FILE, EXPERIMENT, "transitions").convert
     before = peak_mib()
     folders = [Path("data") / kind / EXPERIMENT for kind in ("raw", "tables", "reports")]
     convert_recording(*folders, params, cores=2, progress=lambda _: None)
@@ -108,16 +108,16 @@ def convert() -> None:
 
 def train() -> None:
     """Train as the stage does, for a few epochs; print the memory before, the peak and the number of transitions."""
-    from addressed_dynamics.base.params.experiments import load_params
+    from addressed_dynamics.base.params.experiments import load_experiment
     from addressed_dynamics.base.torch_runtime import prepare_torch
+    from addressed_dynamics.features.transitions.kind import load_training_data
     from addressed_dynamics.training.ensemble import train_ensemble
-    from pipeline.training import load_training_data
 
     prepare_torch(threads=1)
     before = peak_mib()
-    sections = load_params(PARAMS_FILE, EXPERIMENT)
+    sections = load_experiment(PARAMS_FILE, EXPERIMENT, "transitions")
     params = sections.ensemble.model_copy(update={"epochs": TRAINING_EPOCHS, "cluster_epochs": TRAINING_EPOCHS})
-    data = load_training_data(EXPERIMENT, sections.features)
+    data = load_training_data(Path("data/tables") / EXPERIMENT, sections, sections.features)
     for _ in train_ensemble(data.train, data.validation, params, seed=0, loss_unit=1.0):
         pass
     print(before, peak_mib(), len(data.train) + len(data.validation))

@@ -8,7 +8,7 @@ from pathlib import Path
 from measuring import median_ratio, print_table, take_turns
 
 from addressed_dynamics import TransitionRecorder
-from addressed_dynamics.base.params.experiments import load_params
+from addressed_dynamics.base.params.experiments import load_experiment
 from addressed_dynamics.base.params.recording import DqnBehaviour
 from addressed_dynamics.recording.dqn import learn
 from addressed_dynamics.recording.plan import make_environment
@@ -20,7 +20,7 @@ ROUNDS = 5
 
 def learn_in(folder: Path | None) -> None:
     """Let the DQN of params.yaml learn, recorded into `folder` if there is one."""
-    segment = load_params(PARAMS_FILE, "mountaincar").record.segments[0]
+    segment = load_experiment(PARAMS_FILE, "mountaincar", "transitions").record.segments[0]
     assert isinstance(segment.behaviour, DqnBehaviour)
     with ExitStack() as stack:
         environments = [make_environment(segment.environment) for _ in range(segment.environments)]

@@ -1,23 +1,17 @@
-"""Convert an experiment's MCAP logs to Parquet tables, and report on the data."""
+"""Turn what was recorded or imported into typed tables (Parquet) with splits, and report on the data."""
 
-from pathlib import Path
-
-from addressed_dynamics.base.params.experiments import load_params
-from addressed_dynamics.sources.transitions.conversion import convert_recording
-from pipeline.common import available_cores, progress, raw_dir, reports_dir, run_stage, tables_dir
+from addressed_dynamics.base.kinds import supplied
+from addressed_dynamics.base.params.experiments import load_experiment
+from pipeline.stage import Call, available_cores, figures_dir, progress, run_stage, tables_dir
 
 
-def main(experiment: str, params_file: Path) -> None:
-    """Convert the recording of `experiment`."""
-    params = load_params(params_file, experiment).convert
+def main(call: Call) -> None:
+    """Convert the raw data of an experiment."""
+    params = load_experiment(call.params_file, call.experiment, call.kind).convert
+    tables, figures = tables_dir(call.experiment), figures_dir(call.experiment, "convert")
     with progress("convert", "step") as bar:
-        convert_recording(
-            raw_dir(experiment),
-            tables_dir(experiment),
-            reports_dir(experiment),
-            params,
-            cores=available_cores(),
-            progress=bar.update,
+        supplied("sources", call.kind).convert(
+            call.path, tables, figures, params, cores=available_cores(), progress=bar.update
         )
 
 

@@ -1,111 +1,27 @@
-"""Measure all models on held-out episodes: one step ahead, by addressing (Table 1), and in free-running rollouts."""
-
-from dataclasses import asdict
-from pathlib import Path
-from typing import Any
+"""Measure all models of an experiment on data that none of them has seen, one step ahead and running freely."""
 
 from addressed_dynamics import tracking
 from addressed_dynamics.base.files import atomic_path, save_arrays, write_json
-from addressed_dynamics.base.params.experiments import load_params
-from addressed_dynamics.base.params.training import EnsembleParams
-from addressed_dynamics.base.torch_runtime import prepare_torch
-from addressed_dynamics.episodes.index import read_episodes
-from addressed_dynamics.episodes.parquet import load_transitions
-from addressed_dynamics.episodes.splits import Split
-from addressed_dynamics.evaluation.transitions.candidates import (
-    baseline_candidates,
-    ensemble_candidates,
-    load_ensembles,
-    load_other_recipe,
-    load_pair,
-)
-from addressed_dynamics.evaluation.transitions.points import Points
-from addressed_dynamics.evaluation.transitions.suite import (
-    baseline_losses,
-    evaluate_addressing,
-    evaluate_candidates,
-    evaluate_oracle,
-    evaluate_other_recipe,
-    evaluate_specialisation,
-    figure_arrays,
-    pair_arrays,
-)
-from addressed_dynamics.evaluation.transitions.truth import true_rollouts
-from addressed_dynamics.networks.files import load_network
-from addressed_dynamics.training.ensemble import untrained_ensemble
-from addressed_dynamics.training.losses import reported_loss
-from pipeline.common import available_cores, evaluation_dir, models_dir, reports_dir, run_stage, tables_dir
-from pipeline.training import write_curves
-
-EVALUATED: tuple[Split, ...] = ("train", "test")
-"""Splits on which the addressing is judged: the paper's figures are of training points, its errors should not be."""
+from addressed_dynamics.base.kinds import supplied
+from addressed_dynamics.base.params.experiments import load_experiment
+from pipeline.stage import Call, available_cores, evaluation_dir, models_dir, run_stage, tables_dir, write_curves
 
 
-def main(experiment: str, params_file: Path) -> None:
-    """Evaluate the models of `experiment`."""
-    params = load_params(params_file, experiment).evaluation
-    prepare_torch(threads=available_cores())
-    tables, folder_of_models = tables_dir(experiment), models_dir(experiment)
-    models, delivered = load_ensembles(folder_of_models)
-    first = next(iter(models))
-    model = models[first][delivered[first]]
-    recipe = ensemble_recipe(folder_of_models, first)
-    loss = reported_loss(recipe.loss)
-    points = {split: Points.of(load_transitions(tables, split=split), model.features) for split in EVALUATED}
-    segments = {each.episode: each.segment for each in read_episodes(tables / "episodes.parquet")}
-    truth = true_rollouts(params.rollouts, points["test"].transitions, model.features.history, segments)
-    candidates = [*ensemble_candidates(models, delivered), *baseline_candidates(folder_of_models / "baselines")]
-    results, rollouts, horizon = evaluate_candidates(candidates, points["test"], truth, params.rollouts, loss)
-    other = load_other_recipe(folder_of_models / "baselines")
-    report = {
-        "loss": loss,
-        "test": {"transitions": len(points["test"]), "episodes": len(set(points["test"].episode.tolist()))},
-        "rollouts": rollouts,
-        "delivered": {"seed": first, "variant": delivered[first]},
-        "seeds": {
-            str(seed): {variant: evaluate_addressing(each, points["test"], loss) for variant, each in variants.items()}
-            for seed, variants in models.items()
-        },
-        "candidates": {"ensemble/oracle": evaluate_oracle(model, points["test"], loss), **results},
-        "angles": [asdict(angle) for angle in model.features.angles],
-        "specialisation": {split: evaluate_specialisation(model, part, loss) for split, part in points.items()},
-        "baseline_losses": {split: baseline_losses(candidates, part, loss) for split, part in points.items()},
-        "other_recipe": evaluate_other_recipe(other, points) if other else None,
-    }
-    untrained = untrained_ensemble(model.features.inputs, model.features.outputs, recipe, seed=first)
+def main(call: Call) -> None:
+    """Evaluate the models of an experiment."""
+    experiment, params = call.experiment, load_experiment(call.params_file, call.experiment, call.kind).evaluation
+    kind = supplied("evaluation", call.kind)
+    found = kind.evaluate(tables_dir(experiment), models_dir(experiment), params, cores=available_cores())
     with atomic_path(evaluation_dir(experiment)) as folder:
         folder.mkdir()
-        arrays = figure_arrays(model, untrained, points["test"], truth, loss)
-        if pair := load_pair(folder_of_models / "baselines"):
-            network, seed = pair
-            two = recipe.model_copy(update={"members": network.members})
-            start = untrained_ensemble(model.features.inputs, model.features.outputs, two, seed=seed)
-            arrays |= pair_arrays(network, start, points["test"], loss)
-        save_arrays(folder / "arrays.npz", arrays)
-        with tracking.run(stage="evaluate", experiment=experiment, name=f"{experiment} evaluation seed={first}",
-                          params=params.model_dump(mode="json"), params_file=params_file) as run:  # fmt: skip
-            run.log(headline(report), step=0)
+        save_arrays(folder / "arrays.npz", dict(found.arrays))
+        for name, rows in found.curves.items():
+            write_curves(folder / f"{name}.csv", rows)
+        write_json(folder / "evaluation.json", found.report)
+        with tracking.run(stage="evaluate", experiment=experiment, name=f"{experiment} evaluation seed={found.seed}",
+                          params=params.model_dump(mode="json"), params_file=call.params_file) as run:  # fmt: skip
+            run.log(found.headline, step=0)
             run.write_run_id(folder)
-    write_json(reports_dir(experiment) / "evaluation.json", report)
-    write_curves(reports_dir(experiment) / "horizon.csv", horizon)
-
-
-def ensemble_recipe(folder: Path, seed: int) -> EnsembleParams:
-    """Return how the ensemble in a folder of models was trained."""
-    notes = load_network(folder / "ensemble" / f"seed-{seed}").notes
-    return EnsembleParams.model_validate(notes["params"]["ensemble"], strict=False)
-
-
-def headline(report: dict[str, Any]) -> dict[str, float]:
-    """Return the figures that a table of runs should show."""
-    delivered = report["delivered"]
-    table = report["seeds"][str(delivered["seed"])][delivered["variant"]]
-    result = report["candidates"]["ensemble/argmax"]
-    metrics = {"agreement": table["agreement"], "misclassified_per_thousand": table["misclassified_per_thousand"]}
-    metrics |= {"loss/test": result["one_step"]["scaled"]["mean"], "regret/mean": table["regret"]["mean"]}
-    rollouts = result["rollouts"]["groups"]["all"]["mse"]
-    metrics |= {f"rollout_mse/{name}": spread["median"] for name, spread in rollouts.items()}
-    return metrics
 
 
 if __name__ == "__main__":

@@ -1,17 +1,21 @@
-"""Record the segments of an experiment's plan as MCAP logs."""
-
-from pathlib import Path
+"""Record the segments of an experiment's plan as MCAP logs, or clips of a walker that is made up."""
 
 from addressed_dynamics.base.params.experiments import load_record_params
-from addressed_dynamics.recording.plan import record_plan, recording_folder
-from pipeline.common import progress, raw_dir, run_stage
+from addressed_dynamics.base.params.motion import WalkerParams
+from addressed_dynamics.recording.walker import make_walker_clips
+from pipeline.stage import Call, progress, raw_dir, run_stage
 
 
-def main(experiment: str, params_file: Path) -> None:
-    """Record `experiment`."""
-    plan = load_record_params(params_file, experiment)
+def main(call: Call) -> None:
+    """Record an experiment."""
+    plan, target = load_record_params(call.params_file, call.experiment, call.kind), raw_dir(call.experiment)
+    if isinstance(plan, WalkerParams):
+        make_walker_clips(target, seed=plan.seed, minutes=plan.minutes)
+        return
+    from addressed_dynamics.recording.plan import record_plan, recording_folder
+
     total = sum(segment.transitions for segment in plan.segments)
-    with recording_folder(raw_dir(experiment)) as folder, progress("record", "step", total) as bar:
+    with recording_folder(target) as folder, progress("record", "step", total) as bar:
         record_plan(plan, folder, progress=bar.update)
 
 

@@ -1,24 +1,25 @@
 """Phase 2: train the networks that pick a subnetwork for each input, for every seed and variant."""
 
-from pathlib import Path
-
-from addressed_dynamics.base.params.experiments import load_params
+from addressed_dynamics.base.kinds import supplied
+from addressed_dynamics.base.params.experiments import load_experiment
 from addressed_dynamics.base.torch_runtime import prepare_torch
-from addressed_dynamics.networks.files import load_network
-from pipeline.addressings import train_addressings, trained_ensembles
-from pipeline.common import run_stage
-from pipeline.environment_training import load_training_data
-from pipeline.training import Stage
+from addressed_dynamics.networks.files import load_any_network
+from pipeline.stage import Call, run_stage, tables_dir
+from pipeline.trainings import Stage, train_addressings, trained_ensembles
 
 
-def main(experiment: str, params_file: Path) -> None:
-    """Train the addressing networks of `experiment`."""
-    params = load_params(params_file, experiment).addressing
+def main(call: Call) -> None:
+    """Train the addressing networks of an experiment."""
+    sections, kind = load_experiment(call.params_file, call.experiment, call.kind), supplied("features", call.kind)
     prepare_torch(threads=1)
-    ensembles = {seed: load_network(folder) for seed, folder in trained_ensembles(experiment).items()}
-    data = load_training_data(experiment, next(iter(ensembles.values())).features)
-    stage = Stage("train_addressing", experiment, params_file, params.processes)
-    train_addressings(stage, data, ensembles, params, {"addressing": params.model_dump(mode="json")})
+    ensembles = {seed: load_any_network(folder) for seed, folder in trained_ensembles(call.experiment).items()}
+    features = next(iter(ensembles.values())).features
+    data = kind.load_training_data(tables_dir(call.experiment), sections, features)
+    # The features are the ensemble's: what they depend on is in its notes.
+    names = [name for name in (*kind.SECTIONS, "addressing") if name != "features"]
+    recipe = {name: getattr(sections, name).model_dump(mode="json") for name in names}
+    stage = Stage("train_addressing", call.experiment, call.params_file, sections.addressing.processes)
+    train_addressings(stage, data, ensembles, sections.addressing, recipe)
 
 
 if __name__ == "__main__":

@@ -1,22 +1,19 @@
 """Phase 1: train the subnetworks, each on its bin of Algorithm 1, from every seed."""
 
-from pathlib import Path
-
-from addressed_dynamics.base.params.experiments import load_params
+from addressed_dynamics.base.kinds import supplied
+from addressed_dynamics.base.params.experiments import load_experiment
 from addressed_dynamics.base.torch_runtime import prepare_torch
-from pipeline.common import run_stage
-from pipeline.ensembles import train_ensembles
-from pipeline.environment_training import load_training_data
-from pipeline.training import Stage
+from pipeline.stage import Call, run_stage, tables_dir
+from pipeline.trainings import Stage, train_ensembles
 
 
-def main(experiment: str, params_file: Path) -> None:
-    """Train the ensembles of `experiment`."""
-    sections = load_params(params_file, experiment)
+def main(call: Call) -> None:
+    """Train the ensembles of an experiment."""
+    sections, kind = load_experiment(call.params_file, call.experiment, call.kind), supplied("features", call.kind)
     prepare_torch(threads=1)
-    data = load_training_data(experiment, sections.features)
-    recipe = {name: getattr(sections, name).model_dump(mode="json") for name in ("features", "ensemble")}
-    stage = Stage("train_ensemble", experiment, params_file, sections.ensemble.processes)
+    data = kind.load_training_data(tables_dir(call.experiment), sections, sections.features)
+    recipe = {name: getattr(sections, name).model_dump(mode="json") for name in (*kind.SECTIONS, "ensemble")}
+    stage = Stage("train_ensemble", call.experiment, call.params_file, sections.ensemble.processes)
     train_ensembles(stage, data, sections.ensemble, recipe)
 
 

@@ -12,7 +12,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 settings.register_profile("no_deadline", deadline=None)
 settings.load_profile("no_deadline")
 
-LONGEST = ("test_pipeline.py", "test_motion_pipeline.py", "test_stages.py", "test_example.py")
+LONGEST = ("test_pipeline.py", "test_stages.py", "test_example.py")
 """Files that take minutes: begun first, they are not what one worker does while the others have nothing left to do."""
 
 

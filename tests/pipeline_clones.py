@@ -9,14 +9,10 @@ from pathlib import Path
 
 from stage_dependencies import ROOT
 
-EXPERIMENTS = ("mountaincar", "acrobot")
+KINDS = {"mountaincar": "transitions", "acrobot": "transitions", "pfnn": "motion"}
+"""The experiments of the tiny params, with their kind of data."""
 STAGES = ("record", "convert", "train_ensemble", "train_addressing", "train_baselines", "evaluate", "report")
-MOTION_EXPERIMENTS = ("pfnn",)
-AFTER_MOTION_ADDRESSING = ("train_motion_addressing", "evaluate_motion", "report_motion")
-"""The stage that trains on `addressing`, and those that use what it trains, in the order in which they run."""
-MOTION_STAGES = (
-    "make_clips", "import_motion", "train_motion_ensemble", "train_motion_baselines", *AFTER_MOTION_ADDRESSING
-)  # fmt: skip
+"""The stages that each of them goes through."""
 
 
 def environment(clone: Path) -> dict[str, str]:

@@ -193,12 +193,27 @@ DATA = {
 }
 
 
+FILES = {
+    "data.json": "figures/convert/data.json",
+    "learner.csv": "figures/convert/learner.csv",
+    "ensemble.csv": "figures/ensemble/ensemble.csv",
+    "addressing.json": "figures/addressing/addressing.json",
+    "addressing.csv": "figures/addressing/addressing.csv",
+    "baselines.json": "figures/baselines/baselines.json",
+    "evaluation.json": "evaluation/evaluation.json",
+    "horizon.csv": "evaluation/horizon.csv",
+    "arrays.npz": "evaluation/arrays.npz",
+}
+"""Where the stages before the report write what it reads."""
+
+
 def write_results(
     folder: Path, *, spaces: SpaceSpec = CAR, members: int = 2, unused: bool = False, samples: int = 300, **changes: Any
 ) -> tuple[Path, Path]:
-    """Write what the stages before the report write; return the folders of reports and of arrays."""
-    reports, arrays = folder / "reports", folder / "evaluation"
-    reports.mkdir()
+    """Write what the stages before the report write; return the folders of figures and of the evaluation."""
+    figures, arrays = folder / "figures", folder / "evaluation"
+    for stage in ("convert", "ensemble", "addressing", "baselines"):
+        (figures / stage).mkdir(parents=True)
     arrays.mkdir()
     documents = {
         "data": DATA,
@@ -213,23 +228,25 @@ def write_results(
         "baselines": {name: {"parameters": 1234, "updates": 77} for name in OTHERS},
     }
     for name, document in documents.items():
-        (reports / f"{name}.json").write_text(json.dumps(document))
+        (folder / FILES[f"{name}.json"]).write_text(json.dumps(document))
     epochs = range(1, 4)
     per_member = [f"{kind}/{k}" for k in range(members) for kind in ("loss_member", "selected", "not_selected")]
     columns = ["loss/train", "loss/validation", "bins/changed", *per_member]
     trainings = [{"training": f"seed-{seed}", "epoch": epoch} for seed in (0, 1) for epoch in epochs]
-    _write_csv(reports / "ensemble.csv", [row | dict.fromkeys(columns, 0.1 / row["epoch"]) for row in trainings])
+    _write_csv(folder / FILES["ensemble.csv"], [row | dict.fromkeys(columns, 0.1 / row["epoch"]) for row in trainings])
     columns = ["agreement", "regret/mean", "regret/max"]
     trainings = [
         {"training": f"seed-0/{name}", "epoch": epoch} for name in ("plain", "cost_sensitive") for epoch in epochs
     ]
-    _write_csv(reports / "addressing.csv", [row | dict.fromkeys(columns, 0.1 / row["epoch"]) for row in trainings])
-    _write_csv(reports / "horizon.csv", horizon_rows(spaces, changes.get("segments", {})))
+    _write_csv(
+        folder / FILES["addressing.csv"], [row | dict.fromkeys(columns, 0.1 / row["epoch"]) for row in trainings]
+    )
+    _write_csv(folder / FILES["horizon.csv"], horizon_rows(spaces, changes.get("segments", {})))
     rows = [{"segment": "learning", "return": -200.0 + i, "goal_reached": i % 2} for i in range(6)]
-    _write_csv(reports / "learner.csv", rows)
+    _write_csv(folder / FILES["learner.csv"], rows)
     walls = changes.get("wall_free", 3) is not None
     np.savez(arrays / "arrays.npz", **example_arrays(spaces, members, unused=unused, samples=samples, walls=walls))
-    return reports, arrays
+    return figures, arrays
 
 
 def horizon_rows(spaces: SpaceSpec, segments: Mapping[str, int]) -> list[dict[str, Any]]:

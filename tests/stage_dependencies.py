@@ -1,17 +1,17 @@
-"""Which of the project's own modules each stage runs, read from the imports; `make deps` writes them into dvc.yaml."""
+"""Which of the project's own modules each stage runs, read from the imports."""
 
 import ast
 from collections.abc import Iterator
 from pathlib import Path
 
-from ruamel.yaml import YAML
-
 ROOT = Path(__file__).resolve().parents[1]
 SOURCES = {"addressed_dynamics": "src/addressed_dynamics", "pipeline": "pipeline"}
 
 
-def first_party(root: Path, stage: str) -> set[str]:
+def first_party(root: Path, stage: str, kind: str) -> set[str]:
     """Return the modules that `pipeline/<stage>.py` imports, itself included, as paths relative to `root`.
+
+    What a kind supplies, `supplied("features", …)`, counts for `kind`.
 
     With a module come the files in the `templates` folder beside it.
     Lazy imports inside functions count. In the `__init__.py` of a package that is only passed on the way to one of its
@@ -26,32 +26,13 @@ def first_party(root: Path, stage: str) -> set[str]:
             continue
         found[path] = lazy_too
         tree = ast.parse((root / path).read_text(encoding="utf-8"))
-        for target in _imported(root, tree, lazy_too=lazy_too):
+        supplied = [f"addressed_dynamics.{layer}.{kind}.kind" for layer in _layers(tree)]
+        for target in (*_imported(root, tree, lazy_too=lazy_too), *supplied):
             waiting.append((target, True))
             waiting += [(parent, False) for parent in _parents(target)]
         waiting += [(parent, False) for parent in _parents(module)]
     templates = {file for path in found for file in (root / path).parent.glob("templates/*")}
     return set(found) | {file.relative_to(root).as_posix() for file in templates}
-
-
-def update(root: Path) -> None:
-    """Write the modules of every stage into the deps of dvc.yaml, after its data."""
-    yaml = YAML()
-    yaml.width = 120
-    yaml.preserve_quotes = True
-    yaml.indent(mapping=2, sequence=4, offset=2)
-    document = yaml.load(root / "dvc.yaml")
-    for name, stage in document["stages"].items():
-        deps = stage.get("do", stage)["deps"]
-        data = [dep for dep in deps if is_data(dep)]
-        # Changed in place, because a comment in the file belongs to the node before it.
-        deps[:] = data + sorted(first_party(root, name))
-    yaml.dump(document, root / "dvc.yaml")
-
-
-def is_data(dep: str) -> bool:
-    """Say whether a dependency is data, of ours or of the user, and no module."""
-    return dep.startswith(("data/", "${"))
 
 
 def _imported(root: Path, tree: ast.Module, *, lazy_too: bool) -> Iterator[str]:
@@ -62,6 +43,14 @@ def _imported(root: Path, tree: ast.Module, *, lazy_too: bool) -> Iterator[str]:
             for alias in node.names:
                 submodule = f"{node.module}.{alias.name}"
                 yield submodule if _path(root, submodule) else node.module
+
+
+def _layers(tree: ast.AST) -> Iterator[str]:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "supplied":
+            (layer, _) = node.args
+            assert isinstance(layer, ast.Constant)
+            yield layer.value
 
 
 def _nodes(node: ast.AST, *, lazy_too: bool) -> Iterator[ast.AST]:
@@ -86,7 +75,3 @@ def _path(root: Path, module: str) -> str | None:
     base = Path(SOURCES[package], *rest)
     candidates = (base.with_suffix(".py"), base / "__init__.py")
     return next((path.as_posix() for path in candidates if (root / path).is_file()), None)
-
-
-if __name__ == "__main__":
-    update(ROOT)

@@ -13,18 +13,20 @@ import pytest
 from example_params import write_params
 from ruamel.yaml import YAML
 
-from addressed_dynamics.base.params.experiments import load_params
+from addressed_dynamics.base.params.experiments import load_experiment
 from addressed_dynamics.episodes.parquet import load_transitions
 
 ROOT = Path(__file__).parents[1]
 EXAMPLE = ROOT / "examples" / "pendulum"
 ENVIRONMENT = os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'src'}", "OMP_NUM_THREADS": "1"}
-STAGES = ("import_logs", "convert", "train_ensemble", "train_addressing", "train_baselines", "evaluate", "report")
+STAGES = ("import_data", "convert", "train_ensemble", "train_addressing", "train_baselines", "evaluate", "report")
 ALL_STAGES = f"""
 from importlib import import_module
 from pathlib import Path
+from pipeline.stage import Call
+call = Call("pendulum", Path("params.yaml"), "transitions", Path("data/raw/pendulum"))
 for stage in {STAGES}:
-    import_module(f"pipeline.{{stage}}").main("pendulum", Path("params.yaml"))
+    import_module(f"pipeline.{{stage}}").main(call)
 """
 """In one process, which imports torch and MLflow once."""
 
@@ -56,31 +58,31 @@ def short_params(folder: Path) -> None:
 
 
 def test_the_params_of_the_example_are_params_and_name_themselves() -> None:
-    params = load_params(EXAMPLE / "params.yaml", "pendulum")
+    params = load_experiment(EXAMPLE / "params.yaml", "pendulum", "transitions")
     assert params.record is None
     document = YAML(typ="safe", pure=True).load((EXAMPLE / "params.yaml").read_text(encoding="utf-8"))
     assert document["params_file"] == (EXAMPLE / "params.yaml").relative_to(ROOT).as_posix()
-    assert document["experiments"] == list(document["imported"]) == ["pendulum"]
+    assert list(document["experiments"]) == list(document["imported"]) == ["pendulum"]
 
 
 def overrides(file: Path) -> list[str]:
     """Return the settings that the command `dvc exp run` in a file gives the example."""
-    command = file.read_text(encoding="utf-8").partition("dvc exp run")[2].replace("\\\n", " ")
-    return re.findall(r"-S '?([^'\s]+)'?", command.partition("\n")[0])
+    command = file.read_text(encoding="utf-8").partition("dvc exp run report@pendulum")[2].replace("\\\n", " ")
+    return [quoted or plain for quoted, plain in re.findall(r"-S (?:'([^']+)'|(\S+))", command.partition("\n")[0])]
 
 
-def test_the_command_for_the_example_makes_params_yaml_that_of_the_example(tmp_path: Path) -> None:
+def test_the_command_for_the_example_adds_it_to_what_the_pipeline_runs(tmp_path: Path) -> None:
     settings = overrides(ROOT / "Makefile")
     assert settings == overrides(EXAMPLE / "README.md")
     shutil.copy(ROOT / "params.yaml", tmp_path)
     # In a process of its own, for DVC warns of what it imports.
     run(tmp_path, "-c", f"from pathlib import Path; from dvc.utils.hydra import apply_overrides as apply\n"
                         f"apply(Path('params.yaml'), {settings})")  # fmt: skip
-    files = (tmp_path / "params.yaml", EXAMPLE / "params.yaml")
-    changed, example = (YAML(typ="safe", pure=True).load(file.read_text(encoding="utf-8")) for file in files)
-    lists = ("params_file", "experiments", "recorded", "imported", "motions", "made_up")
-    assert {name: changed[name] for name in lists} == {name: example[name] for name in lists}
-    assert set(lists) == {name for name, value in changed.items() if "title" not in value}
+    files = (ROOT / "params.yaml", tmp_path / "params.yaml", EXAMPLE / "params.yaml")
+    before, changed, example = (YAML(typ="safe", pure=True).load(file.read_text(encoding="utf-8")) for file in files)
+    assert changed["params_file"] == example["params_file"]
+    for name in ("experiments", "recorded", "imported"):
+        assert changed[name] == before[name] | example[name]
 
 
 @pytest.mark.slow
@@ -101,7 +103,7 @@ def test_logs_in_three_encodings_go_all_the_way_to_a_report(tmp_path: Path) -> N
     assert transitions.spec.observation_names == ("angle", "speed")
     assert abs(transitions.observation[:, 0]).max() < 1.7
     reports = tmp_path / "data" / "reports" / "pendulum"
-    evaluation = json.loads((reports / "evaluation.json").read_text())
+    evaluation = json.loads((tmp_path / "data" / "evaluation" / "pendulum" / "evaluation.json").read_text())
     source = {"kind": "recorded", "steps": 30, "steps_wanted": 30, "too_short": {}, "physics": None}
     assert evaluation["rollouts"] == source
     assert set(evaluation["candidates"]["ensemble/argmax"]["rollouts"]["groups"]["all"]["mse"]) == {"angle", "speed"}

@@ -18,8 +18,8 @@ from addressed_dynamics.base.errors import LogError
 from addressed_dynamics.episodes.parquet import load_transitions
 from addressed_dynamics.sources.motion.splits import MOTION_SPLITS
 from addressed_dynamics.sources.motion.tables import read_columns
-from pipeline import import_motion, make_clips
-from pipeline.common import run_import, run_stage
+from pipeline import convert, record
+from pipeline.stage import Call, run_stage
 
 ROOT = Path(__file__).parents[1]
 ENVIRONMENT = os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'src'}"}
@@ -29,7 +29,7 @@ LONG["segments"][0]["transitions"] = 2_000_000
 
 def stage(name: str, folder: Path, *, stderr: int = subprocess.PIPE, **sections: Any) -> subprocess.Popen[str]:
     params = write_params(folder / "params.yaml", car=EXAMPLE | sections)
-    command = [sys.executable, "-W", "error", "-m", f"pipeline.{name}", "--experiment", "car", "--params", str(params)]
+    command = [sys.executable, "-W", "error", "-m", f"pipeline.{name}", "car", "--params", str(params)]
     return subprocess.Popen(command, cwd=folder, env=ENVIRONMENT, stderr=stderr, text=True)
 
 
@@ -56,7 +56,7 @@ def test_record_and_convert_make_tables_of_an_experiment(tmp_path: Path) -> None
         assert status == 0, stderr
     total = sum(each["transitions"] for each in EXAMPLE["record"]["segments"])
     assert len(load_transitions(tmp_path / "data" / "tables" / "car")) == total
-    assert (tmp_path / "data" / "reports" / "car" / "data.json").exists()
+    assert (tmp_path / "data" / "figures" / "car" / "convert" / "data.json").exists()
     assert [path.name for path in (tmp_path / "data" / "raw").iterdir()] == ["car"]
 
 
@@ -100,10 +100,9 @@ def test_convert_without_a_recording_is_one_line(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "forbidden"),
     [
-        ("record", ["mlflow"]),
+        ("record", ["mlflow", "torch", "gymnasium", "pyarrow"]),
         ("convert", ["mlflow", "torch", "stable_baselines3", "gymnasium"]),
-        ("make_clips", ["mlflow", "torch", "gymnasium", "pyarrow"]),
-        ("import_motion", ["mlflow", "torch", "gymnasium"]),
+        ("import_data", ["mlflow", "torch", "gymnasium"]),
     ],
 )
 def test_a_stage_does_not_import_what_it_does_not_use(name: str, forbidden: list[str]) -> None:
@@ -112,32 +111,34 @@ def test_a_stage_does_not_import_what_it_does_not_use(name: str, forbidden: list
     assert done.returncode == 0, done.stderr
 
 
-def call(
-    monkeypatch: pytest.MonkeyPatch, main: Callable[..., None], *more: str, run: Callable[..., None] = run_stage
-) -> int | str | None:
+def call(monkeypatch: pytest.MonkeyPatch, main: Callable[[Call], None], *more: str) -> int | str | None:
     """Run `main` as a stage in this process, with `more` options, and return its status."""
-    monkeypatch.setattr(sys, "argv", ["stage", "--experiment", "car", "--params", "some.yaml", *more])
+    monkeypatch.setattr(sys, "argv", ["stage", "car", "--params", "some.yaml", *more])
     previous = signal.getsignal(signal.SIGTERM)
     try:
         with pytest.raises(SystemExit) as ended:
-            run(main)
+            run_stage(main)
     finally:
         signal.signal(signal.SIGTERM, previous)
     return ended.value.code
 
 
 def test_a_stage_gets_its_options_and_ends_well(monkeypatch: pytest.MonkeyPatch) -> None:
-    calls = []
-    assert call(monkeypatch, lambda experiment, params: calls.append((experiment, params))) == 0
-    assert calls == [("car", Path("some.yaml"))]
+    calls: list[Call] = []
+    assert call(monkeypatch, lambda of: calls.append(of)) == 0
+    assert call(monkeypatch, lambda of: calls.append(of), "--kind", "motion", "--path", "logs/a.npz") == 0
+    assert calls == [
+        Call("car", Path("some.yaml"), "transitions", Path("data/raw/car")),
+        Call("car", Path("some.yaml"), "motion", Path("logs/a.npz")),
+    ]
 
 
 def test_project_errors_and_full_disks_are_one_line_and_bugs_are_not_hidden(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def raising(error: BaseException) -> Callable[[str, Path], None]:
-        def main(experiment: str, params: Path) -> None:
-            error.add_note(f"while recording {experiment} with {params}")
+    def raising(error: BaseException) -> Callable[[Call], None]:
+        def main(of: Call) -> None:
+            error.add_note(f"while recording {of.experiment} with {of.params_file}")
             raise error
 
         return main
@@ -167,23 +168,14 @@ def test_sigterm_cleans_up_like_ctrl_c(monkeypatch: pytest.MonkeyPatch, capsys: 
     assert capsys.readouterr().err == "terminated\n"
 
 
-def test_a_stage_that_imports_gets_its_source_too(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_a_kind_of_data_that_does_not_exist_is_one_line(
+    motion_folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    calls = []
-    status = call(monkeypatch, lambda *options: calls.append(options), "--source", "logs/a.npz", run=run_import)
-    assert status == 0
-    assert calls == [("car", Path("some.yaml"), Path("logs/a.npz"))]
-    assert call(monkeypatch, lambda *options: calls.append(options), run=run_import) == 2
-    assert "--source" in capsys.readouterr().err
-    assert len(calls) == 1
-
-    def refuse(*_: Any) -> None:
-        message = "a.npz: damaged"
-        raise LogError(message)
-
-    assert call(monkeypatch, refuse, "--source", "logs/a.npz", run=run_import) == 1
-    assert capsys.readouterr().err == "error: a.npz: damaged\n"
+    assert call(monkeypatch, convert.main, "--kind", "sound") == 1
+    assert capsys.readouterr().err == (
+        "error: some.yaml: car: there is no kind of data 'sound' (kinds: transitions, motion)\n"
+    )
+    assert list(motion_folder.iterdir()) == [motion_folder / "some.yaml"]
 
 
 @pytest.fixture
@@ -196,13 +188,13 @@ def motion_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.mark.slow
 def test_clips_are_made_up_and_imported(motion_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert call(monkeypatch, make_clips.main) == 0
+    assert call(monkeypatch, record.main, "--kind", "motion") == 0
     assert [path.name for path in (motion_folder / "data" / "raw").iterdir()] == ["car"]
-    assert call(monkeypatch, import_motion.main, "--source", "data/raw/car", run=run_import) == 0
+    assert call(monkeypatch, convert.main, "--kind", "motion") == 0
     splits = read_columns(motion_folder / "data" / "tables" / "car", ["split"])["split"]
     # As few minutes as will do: some frames are left for everything that they are needed for.
     assert set(splits.tolist()) == set(MOTION_SPLITS)
-    assert (motion_folder / "data" / "reports" / "car" / "data.json").exists()
+    assert (motion_folder / "data" / "figures" / "car" / "convert" / "data.json").exists()
 
 
 def missing(source: Path) -> None:
@@ -235,7 +227,7 @@ def test_a_bad_source_of_motion_is_one_line_and_nothing_is_half_written(
     make: Callable[[Path], None],
 ) -> None:
     make(motion_folder / "database.npz")
-    assert call(monkeypatch, import_motion.main, "--source", "database.npz", run=run_import) == 1
+    assert call(monkeypatch, convert.main, "--kind", "motion", "--path", "database.npz") == 1
     *_, last = capsys.readouterr().err.splitlines()
     assert last.startswith("error: database.npz: ")
     assert [path for path in motion_folder.rglob("*") if "data" in path.parts and path.is_file()] == []
@@ -245,10 +237,10 @@ def test_a_bad_source_of_motion_is_one_line_and_nothing_is_half_written(
 def test_what_cannot_be_made_up_is_one_line(
     motion_folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for walker, what in {None: "there is no 'walker'", 0.5: "has no gait cycle"}.items():
-        section = MOTION | {"walker": walker and {"minutes": walker, "seed": 0}}
+    for walker, what in {None: "it has no 'record'", 0.5: "has no gait cycle"}.items():
+        section = MOTION | {"record": walker and {"minutes": walker, "seed": 0}}
         write_params(motion_folder / "some.yaml", car=section)
-        assert call(monkeypatch, make_clips.main) == 1
+        assert call(monkeypatch, record.main, "--kind", "motion") == 1
         (line,) = capsys.readouterr().err.splitlines()
         assert line.startswith("error: ")
         assert what in line
@@ -258,14 +250,15 @@ def test_what_cannot_be_made_up_is_one_line(
 TRAIN_BASELINES = """
 import shutil
 from pathlib import Path
-from pipeline import import_motion, make_clips, train_motion_baselines
-params = Path("params.yaml")
-make_clips.main("car", params)
-import_motion.main("car", params, Path("data/raw/car"))
+from pipeline import convert, record, train_baselines
+from pipeline.stage import Call
+call = Call("car", Path("params.yaml"), "motion", Path("data/raw/car"))
+record.main(call)
+convert.main(call)
 for name in ("first", "second"):
-    train_motion_baselines.main("car", params)
+    train_baselines.main(call)
     shutil.copytree("data/models/car", f"{name}/models")
-    shutil.copytree("data/reports/car", f"{name}/reports")
+    shutil.copytree("data/figures/car", f"{name}/figures")
 """
 """In one process, which imports torch and MLflow once."""
 
@@ -289,5 +282,5 @@ def test_all_baselines_of_motion_are_trained_again_to_the_same_bytes(tmp_path: P
     assert first == second
     folders = {Path(name).parts[2] for name in first if name.endswith(".safetensors")}
     assert folders == {"phase_functioned", "learned_blend", "total_parameters", "same_size", "paper_recipe"}
-    assert {"reports/baselines.json", "reports/baselines.csv"} <= set(first)
+    assert {"figures/baselines/baselines.json", "figures/baselines/baselines.csv"} <= set(first)
     assert not [path for path in (tmp_path / ".checkpoints").rglob("*") if path.is_file()]

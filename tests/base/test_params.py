@@ -12,9 +12,7 @@ from addressed_dynamics.base.errors import ParamsError
 from addressed_dynamics.base.params.experiments import (
     ExperimentParams,
     RecordedRollouts,
-    load_motion_params,
-    load_motion_recipes,
-    load_params,
+    load_experiment,
     load_recipes,
     load_record_params,
     load_source_params,
@@ -27,11 +25,11 @@ RECORDED = {"kind": "recorded", "episodes": 3, "steps": 20, "seed": 0}
 
 
 def read(tmp_path: Path, section: Any) -> ExperimentParams:
-    return load_params(write_params(tmp_path / "params.yaml", car=section), "car")
+    return load_experiment(write_params(tmp_path / "params.yaml", car=section), "car", "transitions")
 
 
 def read_motion(tmp_path: Path, section: Any) -> MotionExperimentParams:
-    return load_motion_params(write_params(tmp_path / "params.yaml", walk=section), "walk")
+    return load_experiment(write_params(tmp_path / "params.yaml", walk=section), "walk", "motion")
 
 
 def changed(path: str, value: Any, example: dict[str, Any] = EXAMPLE) -> dict[str, Any]:
@@ -64,12 +62,14 @@ def test_rollouts_may_replay_what_was_recorded(tmp_path: Path) -> None:
 def test_another_recipe_changes_some_keys_of_some_sections(tmp_path: Path) -> None:
     changes = {"ensemble": {"loss": "mae", "optimiser": OPTIMISER}, "features": {"target": "absolute"}}
     section = changed("paper_recipe", changes)
-    default, paper = load_recipes(write_params(tmp_path / "params.yaml", car=section), "car")
+    default, paper = load_recipes(write_params(tmp_path / "params.yaml", car=section), "car", "transitions")
     assert default == read(tmp_path, section)
     assert (paper.ensemble.loss, paper.features.target) == ("mae", "absolute")
     assert paper.ensemble.hidden == default.ensemble.hidden
     assert paper.addressing == default.addressing
-    chosen, other = load_recipes(write_params(tmp_path / "params.yaml", car=section | {"recipe": "paper"}), "car")
+    chosen, other = load_recipes(
+        write_params(tmp_path / "params.yaml", car=section | {"recipe": "paper"}), "car", "transitions"
+    )
     assert (chosen.ensemble, other.ensemble) == (paper.ensemble, default.ensemble)
 
 
@@ -156,38 +156,35 @@ def test_a_file_that_is_no_params_file_is_refused_in_one_line(tmp_path: Path, te
     path = tmp_path / "params.yaml"
     path.write_text(text)
     with pytest.raises(ParamsError, match=what) as caught:
-        load_params(path, "car")
+        load_experiment(path, "car", "transitions")
     assert "\n" not in str(caught.value)
 
 
 def test_a_missing_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ParamsError, match=r"nowhere\.yaml: no such params file"):
-        load_params(tmp_path / "nowhere.yaml", "car")
+        load_experiment(tmp_path / "nowhere.yaml", "car", "transitions")
 
 
 def test_a_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "params.yaml"
     path.write_bytes(b"\xff\xfe\x00")
     with pytest.raises(ParamsError, match="cannot be read"):
-        load_params(path, "car")
+        load_experiment(path, "car", "transitions")
 
 
 def test_a_whole_section_of_motion_is_read(tmp_path: Path) -> None:
     params = read_motion(tmp_path, MOTION)
-    assert params.walker is not None
-    assert params.walker.minutes == MOTION["walker"]["minutes"]
+    assert params.record is not None
+    assert params.record.minutes == MOTION["record"]["minutes"]
     assert params.baselines.phase_functioned.members == 4
     assert params.evaluation.released is None
-    assert read_motion(tmp_path, changed("walker", ..., MOTION)).walker is None
 
 
 @pytest.mark.parametrize(
     ("path", "value", "what"),
     [
-        ("walker.minuts", 2.0, "walk.walker.minuts: unknown key"),
-        ("walker.minutes", 0.0, "walk.walker.minutes: input should be greater than 0"),
-        ("record", {}, "walk.record: unknown key"),
-        ("kind", "motoin", "walk.kind: input should be 'motion', but it is 'motoin'"),
+        ("record.minuts", 2.0, "walk.record.minuts: unknown key"),
+        ("record.minutes", 0.0, "walk.record.minutes: input should be greater than 0"),
         ("convert.test_clips", "Walker_jog", "walk.convert.test_clips: input should be a valid"),
         ("convert.rows_share", ..., "walk.convert.rows_share: missing key"),
         ("convert.test_share", 0.8, "validation_share + test_share must be below 1"),
@@ -233,7 +230,7 @@ def test_the_paper_recipe_of_motion_takes_the_place_of_some_keys(tmp_path: Path)
             "addressing": {"epochs": 7, "variants": ["plain"]},
         }
     }
-    default, paper = load_motion_recipes(write_params(tmp_path / "params.yaml", walk=section), "walk")
+    default, paper = load_recipes(write_params(tmp_path / "params.yaml", walk=section), "walk", "motion")
     assert default == read_motion(tmp_path, section)
     assert (paper.features.target, paper.features.joint_input_weight) == ("absolute", 1.0)
     assert paper.augmentation == default.augmentation.model_copy(update={"pose_noise": 0.0, "gait_swap": 0.0})
@@ -241,29 +238,34 @@ def test_the_paper_recipe_of_motion_takes_the_place_of_some_keys(tmp_path: Path)
     assert (paper.addressing.epochs, paper.baselines.addressing.epochs) == (7, 7)
     assert paper.baselines.train == default.baselines.train
     path = write_params(tmp_path / "params.yaml", walk=section | {"recipe": "paper"})
-    chosen, other = load_motion_recipes(path, "walk")
+    chosen, other = load_recipes(path, "walk", "motion")
     assert chosen.augmentation == paper.augmentation
     assert other.augmentation == default.augmentation
-    assert load_motion_params(path, "walk") == chosen
+    assert load_experiment(path, "walk", "motion") == chosen
 
 
-@pytest.mark.parametrize("load", [load_params, load_recipes, load_record_params, load_source_params])
-def test_an_experiment_of_motion_is_none_with_an_environment(tmp_path: Path, load: Any) -> None:
-    path = write_params(tmp_path / "params.yaml", walk=MOTION)
-    with pytest.raises(ParamsError, match=r"walk: .*name it under 'motions' in params\.yaml, not under 'experiments'"):
-        load(path, "walk")
+def test_there_are_kinds_of_data_and_the_sections_of_one_are_none_of_another(tmp_path: Path) -> None:
+    path = write_params(tmp_path / "params.yaml", walk=MOTION, car=EXAMPLE, jog=3)
+    with pytest.raises(ParamsError, match=r"walk: there is no kind of data 'sound' \(kinds: transitions, motion\)"):
+        load_experiment(path, "walk", "sound")
+    with pytest.raises(ParamsError, match=r"walk\.\w+"):
+        load_experiment(path, "walk", "transitions")
+    with pytest.raises(ParamsError, match=r"car\.\w+"):
+        load_recipes(path, "car", "motion")
+    with pytest.raises(ParamsError, match="jog: input should be"):
+        load_experiment(path, "jog", "motion")
 
 
-@pytest.mark.parametrize("load", [load_motion_params, load_motion_recipes])
-def test_an_experiment_with_an_environment_is_none_of_motion(tmp_path: Path, load: Any) -> None:
-    path = write_params(tmp_path / "params.yaml", car=EXAMPLE)
-    with pytest.raises(ParamsError, match=r"car: .*no 'kind: motion' .*under 'experiments' in params\.yaml, not under"):
-        load(path, "car")
-    with pytest.raises(ParamsError, match="walk: input should be"):
-        load(write_params(path, walk=3), "walk")
+@pytest.mark.parametrize(("load", "what"), [(load_record_params, "record"), (load_source_params, "import")])
+def test_an_experiment_without_an_origin_says_what_it_lacks(tmp_path: Path, load: Any, what: str) -> None:
+    path = write_params(tmp_path / "params.yaml", walk=MOTION | {"record": None})
+    with pytest.raises(ParamsError, match=f"walk: there is nothing to {what}"):
+        load(path, "walk", "motion")
 
 
 def test_the_lists_at_the_top_of_a_file_are_no_experiments(tmp_path: Path) -> None:
-    path = write_params(tmp_path / "params.yaml", motions={"walk": "clips"}, imported={"arm": "logs"}, walk=MOTION)
+    path = write_params(
+        tmp_path / "params.yaml", experiments={"walk": {"kind": "motion"}}, imported={"arm": "logs"}, walk=MOTION
+    )
     with pytest.raises(ParamsError, match=r"no experiment 'jog' in it \(experiments there: walk\)"):
-        load_motion_params(path, "jog")
+        load_experiment(path, "jog", "motion")

@@ -11,9 +11,11 @@ from example_params import EXAMPLE, write_params
 from foreign_logs import SOURCE, json_log, save, states_and_commands
 
 from addressed_dynamics.base.errors import ParamsError
-from addressed_dynamics.base.params.experiments import load_params, load_record_params, load_source_params
+from addressed_dynamics.base.params.experiments import load_experiment, load_record_params, load_source_params
+from addressed_dynamics.base.params.recording import RecordParams
 from addressed_dynamics.sources.transitions.reading import read_transitions
-from pipeline import import_logs, record
+from pipeline import import_data, record
+from pipeline.stage import Call
 
 ROOT = Path(__file__).parents[2]
 WITHOUT_RECORD = {key: value for key, value in EXAMPLE.items() if key != "record"}
@@ -48,7 +50,7 @@ def test_a_wrong_value_in_a_source_is_one_line_with_the_path_of_its_key(
         place = place[key]
     place[last] = value
     with pytest.raises(ParamsError) as caught:
-        load_params(params_file(tmp_path, source=section), "car")
+        load_experiment(params_file(tmp_path, source=section), "car", "transitions")
     assert what in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -58,22 +60,27 @@ def test_a_wrong_value_in_a_source_is_one_line_with_the_path_of_its_key(
 )
 def test_an_experiment_is_either_recorded_or_imported(tmp_path: Path, sections: dict[str, Any], found: str) -> None:
     with pytest.raises(ParamsError, match=f"either 'record' or 'source', but this one has {found}"):
-        load_params(params_file(tmp_path, **sections), "car")
+        load_experiment(params_file(tmp_path, **sections), "car", "transitions")
+
+
+def car(params: Path) -> Call:
+    """What the stages are called with."""
+    return Call("car", params, "transitions", Path("data/raw/car"))
 
 
 def test_the_stage_of_the_other_kind_says_which_one_to_run(tmp_path: Path) -> None:
     imported = params_file(tmp_path, source=SOURCE)
-    with pytest.raises(ParamsError, match="car: there is nothing to record, because it has a 'source'"):
-        record.main("car", imported)
-    assert load_source_params(imported, "car").kind == "mcap"
+    with pytest.raises(ParamsError, match="car: there is nothing to record, because it has no 'record'"):
+        record.main(car(imported))
+    assert load_source_params(imported, "car", "transitions").kind == "mcap"
     recorded = params_file(tmp_path, record=EXAMPLE["record"])
-    with pytest.raises(ParamsError, match="car: there is nothing to import, because it has a 'record'"):
-        import_logs.main("car", recorded)
-    assert load_record_params(recorded, "car").segments
+    with pytest.raises(ParamsError, match="car: there is nothing to import, because it has no 'source'"):
+        import_data.main(car(recorded))
+    assert isinstance(load_record_params(recorded, "car", "transitions"), RecordParams)
 
 
 def test_the_stage_starts_without_the_libraries_that_take_seconds_to_import() -> None:
-    check = "import sys, pipeline.import_logs; print({'torch', 'mlflow', 'gymnasium', 'minari'} & set(sys.modules))"
+    check = "import sys, pipeline.import_data; print({'torch', 'mlflow', 'gymnasium', 'minari'} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", check], cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "set()"
 
@@ -82,10 +89,10 @@ def test_the_stage_leaves_whole_recordings_or_the_one_before(tmp_path: Path, mon
     monkeypatch.chdir(tmp_path)
     params = params_file(tmp_path, source=SOURCE)
     save(tmp_path, a=json_log(states_and_commands()))
-    import_logs.main("car", params)
+    import_data.main(car(params))
     before = read_transitions(tmp_path / "data" / "raw" / "car")
     save(tmp_path, b=json_log(states_and_commands())[:-50])
     with pytest.raises(Exception, match=r"b\.mcap: byte"):
-        import_logs.main("car", params)
+        import_data.main(car(params))
     assert len(read_transitions(tmp_path / "data" / "raw" / "car")) == len(before) == 9
     assert [each.name for each in (tmp_path / "data" / "raw").iterdir()] == ["car"]

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from learning import drive, untrained_model
 
 from addressed_dynamics.base.errors import ModelError
+from addressed_dynamics.features.transitions.spec import FeatureSpec
 from addressed_dynamics.networks.files import SavedNetwork, load_network, read_index, save_network
 from addressed_dynamics.networks.stacked import StackedMLP
 
@@ -36,13 +37,13 @@ def rewrite_config(folder: Path, *keys: str, value: Any) -> None:
 def refusal(folder: Path) -> str:
     """The one line with which a network is refused."""
     with pytest.raises(ModelError) as caught:
-        load_network(folder)
+        load_network(folder, FeatureSpec)
     assert "\n" not in str(caught.value)
     return str(caught.value)
 
 
 def test_what_is_saved_is_loaded_bit_for_bit(folder: Path) -> None:
-    model, loaded = untrained_model(drive()), load_network(folder)
+    model, loaded = untrained_model(drive()), load_network(folder, FeatureSpec)
     assert (loaded.features, loaded.notes) == (model.features, NOTES)
     assert (loaded.stack.widths, loaded.stack.activation) == (model.ensemble.widths, model.ensemble.activation)
     for found, expected in zip(loaded.stack.parameters(), model.ensemble.parameters(), strict=True):
@@ -52,8 +53,8 @@ def test_what_is_saved_is_loaded_bit_for_bit(folder: Path) -> None:
 
 def test_heads_on_a_trunk_are_loaded_as_they_were_saved(folder: Path) -> None:
     stack = StackedMLP(3, (5, 8, 4, 1), "tanh", torch.Generator().manual_seed(0), shared=2)
-    save_network(folder, SavedNetwork(stack, load_network(folder).features, {}))
-    loaded = load_network(folder).stack
+    save_network(folder, SavedNetwork(stack, load_network(folder, FeatureSpec).features, {}))
+    loaded = load_network(folder, FeatureSpec).stack
     assert (loaded.members, loaded.widths, loaded.shared) == (3, (5, 8, 4, 1), 2)
     x = torch.randn(6, 5)
     assert torch.equal(loaded(x), stack(x))
@@ -63,11 +64,11 @@ def test_a_network_of_an_earlier_version_shares_no_layers(folder: Path) -> None:
     config = json.loads((folder / "config.json").read_text())
     del config["architecture"]["shared"]
     (folder / "config.json").write_text(json.dumps(config))
-    assert load_network(folder).stack.shared == 0
+    assert load_network(folder, FeatureSpec).stack.shared == 0
 
 
 def test_the_same_network_makes_the_same_bytes(folder: Path, tmp_path: Path) -> None:
-    save_network(tmp_path / "again", load_network(folder))
+    save_network(tmp_path / "again", load_network(folder, FeatureSpec))
     for name in ("weights.safetensors", "config.json"):
         assert (tmp_path / "again" / name).read_bytes() == (folder / name).read_bytes()
 
@@ -75,7 +76,7 @@ def test_the_same_network_makes_the_same_bytes(folder: Path, tmp_path: Path) -> 
 def test_a_network_replaces_an_earlier_one_and_leaves_nothing_beside_it(folder: Path) -> None:
     other = untrained_model(drive(), seed=1)
     save_network(folder, SavedNetwork(other.ensemble, other.features, {}))
-    assert load_network(folder).notes == {}
+    assert load_network(folder, FeatureSpec).notes == {}
     assert [path.name for path in folder.parent.iterdir()] == ["network"]
     assert sorted(path.name for path in folder.iterdir()) == ["config.json", "weights.safetensors"]
 
@@ -109,7 +110,7 @@ def test_a_changed_byte_in_the_header_of_the_weights_is_refused_or_harmless(
     content[data.draw(st.integers(0, header - 1))] = data.draw(st.integers(0, 255))
     (folder / "weights.safetensors").write_bytes(content)
     try:
-        loaded = load_network(folder)
+        loaded = load_network(folder, FeatureSpec)
     except ModelError as error:
         assert "\n" not in str(error)  # noqa: PT017 - most flips of a byte are refused, a few are harmless
     else:

@@ -10,7 +10,7 @@ from motions import make_motion
 from addressed_dynamics.base.errors import ModelError
 from addressed_dynamics.base.params.motion import MotionFeatureParams
 from addressed_dynamics.features.motion.features import MotionFeatures, fit_motion_features
-from addressed_dynamics.networks.phase_functioned import catmull_rom
+from addressed_dynamics.networks.spline import catmull_rom
 from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.simulators.motion import MOTION_MODES, MotionMode, MotionModel
 

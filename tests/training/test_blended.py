@@ -12,7 +12,7 @@ from addressed_dynamics.base.errors import TrainingError
 from addressed_dynamics.base.params.motion import BlendedTraining, MotionFeatureParams
 from addressed_dynamics.base.params.sections import OptimiserParams
 from addressed_dynamics.features.motion.features import fit_motion_features
-from addressed_dynamics.networks.phase_functioned import catmull_rom
+from addressed_dynamics.networks.spline import catmull_rom
 from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.simulators.motion import MotionModel
 from addressed_dynamics.training.blended import (

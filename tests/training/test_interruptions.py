@@ -19,7 +19,7 @@ from example_params import EXAMPLE, write_params
 from learning import drive
 from test_stages import ENVIRONMENT, finished, read_terminal
 
-from addressed_dynamics.base.params.experiments import load_params
+from addressed_dynamics.base.params.experiments import load_experiment
 from addressed_dynamics.sources.transitions.conversion import convert_recording
 
 EPOCHS = 120
@@ -48,7 +48,7 @@ def closed_port() -> int:
 
 
 def start(name: str, folder: Path, stderr: int) -> subprocess.Popen[str]:
-    command = [sys.executable, "-m", f"pipeline.{name}", "--experiment", "car", "--params", "params.yaml"]
+    command = [sys.executable, "-m", f"pipeline.{name}", "car", "--params", "params.yaml"]
     environment = ENVIRONMENT | {"MLFLOW_TRACKING_URI": f"http://127.0.0.1:{closed_port()}"}
     return subprocess.Popen(command, cwd=folder, env=environment, stderr=stderr, text=True, start_new_session=True)
 
@@ -86,7 +86,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 def tables(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A project with tables, not trained yet."""
     folder = tmp_path_factory.mktemp("project")
-    params = load_params(write_params(folder / "params.yaml", car=long_training()), "car").convert
+    params = load_experiment(write_params(folder / "params.yaml", car=long_training()), "car", "transitions").convert
     data, recording = folder / "data", folder / "data" / "raw" / "car"
     recording.mkdir(parents=True)
     write_log(recording / "learning-env00.mcap", drive((20,) * 30))

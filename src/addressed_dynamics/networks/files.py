@@ -4,22 +4,19 @@ import json
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic
 
 import safetensors.torch
 from safetensors import SafetensorError
 
-from addressed_dynamics.base.errors import ModelError
+from addressed_dynamics.base.errors import ModelError, ParamsError
 from addressed_dynamics.base.files import atomic_path, write_json
-from addressed_dynamics.features.motion.features import MotionFeatures
-from addressed_dynamics.features.transitions.spec import FeatureSpec
+from addressed_dynamics.base.kinds import supplied
+from addressed_dynamics.features.common.training_data import AnyFeatures, Features
 from addressed_dynamics.networks.stacked import ACTIVATIONS, StackedMLP
 
 FORMAT = 1
 """Version of the folder's layout."""
-
-
-Features = TypeVar("Features", bound=FeatureSpec | MotionFeatures)
 
 
 @dataclass(frozen=True)
@@ -56,34 +53,22 @@ def save_network(folder: Path, network: SavedNetwork[Features]) -> None:
         write_json(temporary / "config.json", config)
 
 
-def load_network(folder: Path) -> SavedNetwork[FeatureSpec]:
-    """Read what `save_network` wrote of a model of an environment.
+def load_network(folder: Path, form: type[Features]) -> SavedNetwork[Features]:
+    """Read what `save_network` wrote of a model with features of the class `form`.
 
     Raises:
         ModelError: a file is missing or damaged, is of another format, or the weights do not fit the architecture; or
-            the network models motion.
+            the network models another kind of data.
     """
     network = load_any_network(folder)
-    if not isinstance(network.features, FeatureSpec):
-        message = f"{folder}: a model of motion, not of an environment; MotionModel loads it"
+    if not isinstance(network.features, form):
+        found, wanted = (_module_kind(each) for each in (type(network.features), form))
+        message = f"{folder}: a model of {found}, but one of {wanted} was expected"
         raise ModelError(message)
     return SavedNetwork(network.stack, network.features, network.notes)
 
 
-def load_motion_network(folder: Path) -> SavedNetwork[MotionFeatures]:
-    """Read what `save_network` wrote of a model of motion.
-
-    Raises:
-        ModelError: as in `load_network`; or the network models an environment.
-    """
-    network = load_any_network(folder)
-    if not isinstance(network.features, MotionFeatures):
-        message = f"{folder}: a model of an environment, not of motion; AddressedDynamics loads it"
-        raise ModelError(message)
-    return SavedNetwork(network.stack, network.features, network.notes)
-
-
-def load_any_network(folder: Path) -> SavedNetwork[FeatureSpec | MotionFeatures]:
+def load_any_network(folder: Path) -> SavedNetwork[Any]:
     """Read what `save_network` wrote, whatever it models.
 
     Raises:
@@ -164,15 +149,20 @@ def read_index(folder: Path, name: str) -> dict[str, Any]:
     return _read_config(folder / name)
 
 
-def _features(value: Any) -> FeatureSpec | MotionFeatures:
-    # Features of environments have no kind.
-    kind = value.get("kind") if isinstance(value, dict) else None
-    if kind is None:
-        return FeatureSpec.from_json(value)
-    if kind != "motion":
+def _features(value: Any) -> AnyFeatures:
+    # Features of transitions do not name their kind.
+    kind = value.get("kind", "transitions") if isinstance(value, dict) else "transitions"
+    try:
+        form: Any = supplied("features", str(kind)).FEATURES
+    except ParamsError as error:
         message = f"unknown kind of features '{kind}'"
-        raise ValueError(message)
-    return MotionFeatures.from_json(value)
+        raise ValueError(message) from error
+    features: AnyFeatures = form.from_json(value)
+    return features
+
+
+def _module_kind(form: type) -> str:
+    return form.__module__.split(".")[-2]
 
 
 def _read_config(path: Path) -> dict[str, Any]:

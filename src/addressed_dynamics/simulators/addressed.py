@@ -78,8 +78,8 @@ class AddressedDynamics:
             message = f"{folder}: no such model folder; 'dvc repro' trains it, 'dvc checkout' brings it back"
             raise ModelError(message)
         ensemble_folder, addressing_folder = addressed_folders(folder, seed, variant)
-        ensemble = load_network(ensemble_folder)
-        return AddressedDynamics(ensemble.features, ensemble.stack, load_network(addressing_folder).stack)
+        ensemble = load_network(ensemble_folder, FeatureSpec)
+        return AddressedDynamics(ensemble.features, ensemble.stack, load_network(addressing_folder, FeatureSpec).stack)
 
     @torch.no_grad()
     def predict(

@@ -16,9 +16,10 @@ from addressed_dynamics.base.errors import ModelError
 from addressed_dynamics.base.files import atomic_path
 from addressed_dynamics.features.motion.features import MotionFeatures
 from addressed_dynamics.networks.addressing import addressed_members, addressing_scores
-from addressed_dynamics.networks.files import SavedNetwork, addressed_folders, load_motion_network, save_network
-from addressed_dynamics.networks.phase_functioned import CONTROL_POINTS, catmull_rom, load_released
+from addressed_dynamics.networks.files import SavedNetwork, addressed_folders, load_network, save_network
+from addressed_dynamics.networks.spline import CONTROL_POINTS, catmull_rom
 from addressed_dynamics.networks.stacked import StackedMLP
+from addressed_dynamics.simulators.released import load_released
 
 MotionMode = Literal["argmax", "sample", "mixture", "blend", "phase"]
 """How a frame's network is made of the members: the modes of `AddressedDynamics`, or by the phase, along a spline."""
@@ -91,15 +92,15 @@ class MotionModel:
             raise ModelError(message)
         if (folder / "ensemble").is_dir():
             ensemble, addressing_folder = addressed_folders(folder, seed, variant)
-            trained = load_motion_network(ensemble)
-            return MotionModel(trained.features, trained.stack, load_motion_network(addressing_folder).stack)
-        network = load_motion_network(folder / "network")
+            trained = load_network(ensemble, MotionFeatures)
+            return MotionModel(trained.features, trained.stack, load_network(addressing_folder, MotionFeatures).stack)
+        network = load_network(folder / "network", MotionFeatures)
         mode = network.notes.get("mode")
         if mode not in MOTION_MODES:
             message = f"{folder / 'network' / 'config.json'}: no mode of a motion model ({mode}); train the model again"
             raise ModelError(message)
         has_addressing = (folder / "addressing").is_dir()
-        addressing = load_motion_network(folder / "addressing").stack if has_addressing else None
+        addressing = load_network(folder / "addressing", MotionFeatures).stack if has_addressing else None
         return MotionModel(network.features, network.stack, addressing, mode=mode)
 
     @staticmethod

@@ -20,7 +20,7 @@ from addressed_dynamics.base.torch_runtime import named_generator
 from addressed_dynamics.features.common.augmentation import Augment
 from addressed_dynamics.features.common.samples import Samples
 from addressed_dynamics.networks.addressing import addressing_scores
-from addressed_dynamics.networks.phase_functioned import CONTROL_POINTS, catmull_rom
+from addressed_dynamics.networks.spline import CONTROL_POINTS, catmull_rom
 from addressed_dynamics.networks.stacked import ACTIVATIONS, StackedMLP, in_chunks
 from addressed_dynamics.training.adam import FlatAdam
 from addressed_dynamics.training.checkpoints import Checkpoint

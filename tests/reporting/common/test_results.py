@@ -3,27 +3,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from report_examples import write_results
+from report_examples import FILES, write_results
 
 from addressed_dynamics.base.errors import ReportError
 from addressed_dynamics.reporting.common.results import load_results
 
-FILES = (
-    "reports/data.json",
-    "reports/evaluation.json",
-    "reports/addressing.json",
-    "reports/baselines.json",
-    "reports/learner.csv",
-    "reports/ensemble.csv",
-    "reports/addressing.csv",
-    "reports/horizon.csv",
-    "evaluation/arrays.npz",
-)
-
 
 def refusal(folder: Path) -> str:
     with pytest.raises(ReportError) as caught:
-        load_results(folder / "reports", folder / "evaluation")
+        load_results(folder / "figures", folder / "evaluation")
     message = str(caught.value)
     assert "\n" not in message
     return message
@@ -36,14 +24,14 @@ def test_what_was_written_is_read(tmp_path: Path) -> None:
     assert len(results.arrays.chosen) == 300
 
 
-@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize("name", FILES.values())
 def test_a_missing_file_is_named(tmp_path: Path, name: str) -> None:
     write_results(tmp_path)
     (tmp_path / name).unlink()
     assert refusal(tmp_path) == f"{tmp_path / name}: missing, so there is nothing to report; 'dvc repro' makes it"
 
 
-@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize("name", FILES.values())
 def test_a_damaged_file_is_named(tmp_path: Path, name: str) -> None:
     write_results(tmp_path)
     (tmp_path / name).write_bytes(b"\xff\xfe not what it was")
@@ -51,19 +39,19 @@ def test_a_damaged_file_is_named(tmp_path: Path, name: str) -> None:
 
 
 def test_a_missing_key_is_named_with_its_path(tmp_path: Path) -> None:
-    reports, _ = write_results(tmp_path)
-    document = json.loads((reports / "evaluation.json").read_text())
+    write_results(tmp_path)
+    document = json.loads((tmp_path / FILES["evaluation.json"]).read_text())
     del document["candidates"]["ensemble/argmax"]["one_step"]["scaled"]["mean"]
-    (reports / "evaluation.json").write_text(json.dumps(document))
+    (tmp_path / FILES["evaluation.json"]).write_text(json.dumps(document))
     assert "candidates.ensemble/argmax.one_step.scaled.mean: Field required" in refusal(tmp_path)
 
 
 def test_rollouts_without_a_group_of_all_are_refused(tmp_path: Path) -> None:
-    reports, _ = write_results(tmp_path)
-    document = json.loads((reports / "evaluation.json").read_text())
+    write_results(tmp_path)
+    document = json.loads((tmp_path / FILES["evaluation.json"]).read_text())
     groups = document["candidates"]["ensemble/argmax"]["rollouts"]["groups"]
     groups["everything"] = groups.pop("all")
-    (reports / "evaluation.json").write_text(json.dumps(document))
+    (tmp_path / FILES["evaluation.json"]).write_text(json.dumps(document))
     assert "candidates.ensemble/argmax.rollouts: Value error, there is no group 'all'" in refusal(tmp_path)
 
 
@@ -76,14 +64,14 @@ def test_a_delivered_model_that_was_not_measured_is_refused(tmp_path: Path) -> N
     ("header", "said"), [("training,epoch,other", "no column 'loss/train'"), ("x,y,z", "training")]
 )
 def test_a_curve_without_its_columns_is_refused(tmp_path: Path, header: str, said: str) -> None:
-    reports, _ = write_results(tmp_path)
-    (reports / "ensemble.csv").write_text(f"{header}\nseed-0,1,2\n")
+    write_results(tmp_path)
+    (tmp_path / FILES["ensemble.csv"]).write_text(f"{header}\nseed-0,1,2\n")
     assert said in refusal(tmp_path)
 
 
 def test_a_curve_with_words_for_numbers_is_refused(tmp_path: Path) -> None:
-    reports, _ = write_results(tmp_path)
-    (reports / "horizon.csv").write_text("model,group,horizon\nwide/seed-0,all,ten\n")
+    write_results(tmp_path)
+    (tmp_path / FILES["horizon.csv"]).write_text("model,group,horizon\nwide/seed-0,all,ten\n")
     assert "a cell is not a number" in refusal(tmp_path)
 
 

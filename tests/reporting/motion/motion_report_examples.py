@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import torch
 from example_params import EXAMPLE
+from report_examples import FILES
 
 from addressed_dynamics.base.params.motion import AugmentationParams, MotionFeatureParams
 from addressed_dynamics.base.params.training import AddressingParams, EnsembleParams
@@ -204,9 +205,10 @@ def arrays(
 
 
 def write_results(folder: Path, *, prefix: str = "Walker", **changes: Any) -> tuple[Path, Path]:
-    """Write what the stages before the report write; return the folders of reports and of arrays."""
-    reports, target = folder / "reports", folder / "evaluation"
-    reports.mkdir()
+    """Write what the stages before the report write; return the folders of figures and of the evaluation."""
+    figures, target = folder / "figures", folder / "evaluation"
+    for stage in ("convert", "ensemble", "addressing", "baselines"):
+        (figures / stage).mkdir(parents=True)
     target.mkdir()
     documents = {
         "data": data_json(prefix),
@@ -215,13 +217,13 @@ def write_results(folder: Path, *, prefix: str = "Walker", **changes: Any) -> tu
         "baselines": {"phase_functioned/seed-0": {"parameters": 1234, "updates": 77}},
     }
     for name, document in documents.items():
-        (reports / f"{name}.json").write_text(json.dumps(document))
+        (folder / FILES[f"{name}.json"]).write_text(json.dumps(document))
     columns = ["loss/train", "loss/validation", "bins/changed"]
     columns += [f"{name}/{member}" for name in ("loss_member", "selected", "not_selected") for member in (0, 1)]
-    _write_csv(reports / "ensemble.csv", "seed-0", columns)
-    _write_csv(reports / "addressing.csv", "seed-0/plain", ["agreement", "regret/mean", "regret/max"])
+    _write_csv(folder / FILES["ensemble.csv"], "seed-0", columns)
+    _write_csv(folder / FILES["addressing.csv"], "seed-0/plain", ["agreement", "regret/mean", "regret/max"])
     np.savez(target / "arrays.npz", **arrays())
-    return reports, target
+    return figures, target
 
 
 def origin(**changes: Any) -> MotionOrigin:

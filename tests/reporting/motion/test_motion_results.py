@@ -7,24 +7,17 @@ from typing import Any
 import numpy as np
 import pytest
 from motion_report_examples import FRAMES, OWN, arrays, candidate, example, write_results
+from report_examples import FILES
 
 from addressed_dynamics.base.errors import ReportError
 from addressed_dynamics.reporting.motion.results import load_motion_results
 
-FILES = (
-    "reports/data.json",
-    "reports/evaluation.json",
-    "reports/addressing.json",
-    "reports/baselines.json",
-    "reports/ensemble.csv",
-    "reports/addressing.csv",
-    "evaluation/arrays.npz",
-)
+MOTION_FILES = [path for name, path in FILES.items() if name not in {"learner.csv", "horizon.csv"}]
 
 
 def refusal(folder: Path) -> str:
     with pytest.raises(ReportError) as caught:
-        load_motion_results(folder / "reports", folder / "evaluation")
+        load_motion_results(folder / "figures", folder / "evaluation")
     message = str(caught.value)
     assert "\n" not in message
     return message
@@ -38,14 +31,14 @@ def test_what_was_written_is_read(tmp_path: Path) -> None:
     assert len(results.arrays.loops[f"{OWN}/seed-0"].joint_position) == FRAMES
 
 
-@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize("name", MOTION_FILES)
 def test_a_missing_file_is_named(tmp_path: Path, name: str) -> None:
     write_results(tmp_path)
     (tmp_path / name).unlink()
     assert refusal(tmp_path) == f"{tmp_path / name}: missing, so there is nothing to report; 'dvc repro' makes it"
 
 
-@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize("name", MOTION_FILES)
 def test_a_damaged_file_is_named(tmp_path: Path, name: str) -> None:
     write_results(tmp_path)
     (tmp_path / name).write_bytes(b"\xff\xfe not what it was")
@@ -91,13 +84,13 @@ def test_a_run_without_a_judgement_of_moving_is_refused(tmp_path: Path) -> None:
 def test_arrays_without_the_delivered_model_are_refused(tmp_path: Path) -> None:
     _, target = write_results(tmp_path)
     np.savez(target / "arrays.npz", **arrays(("phase_functioned/seed-0",)))
-    assert f"there is nothing of {OWN}/seed-0; run evaluate_motion again" in refusal(tmp_path)
+    assert f"there is nothing of {OWN}/seed-0; run evaluate again" in refusal(tmp_path)
 
 
 def test_arrays_of_something_else_are_refused(tmp_path: Path) -> None:
     _, target = write_results(tmp_path)
     np.savez(target / "arrays.npz", observation=np.zeros(3))
-    assert "not the arrays that the evaluate_motion stage writes" in refusal(tmp_path)
+    assert "not the arrays that the evaluate stage writes" in refusal(tmp_path)
 
 
 def test_other_modes_of_the_ensemble_are_no_models_of_their_own(tmp_path: Path) -> None:
@@ -105,7 +98,7 @@ def test_other_modes_of_the_ensemble_are_no_models_of_their_own(tmp_path: Path) 
     found = load_motion_results(reports, target).evaluation
     assert list(found.models) == [OWN, "phase_functioned", "total_parameters", "persistence", "ridge"]
     assert list(found.modes) == ["argmax", "sample"]
-    document = json.loads((reports / "evaluation.json").read_text())
+    document = json.loads((target / "evaluation.json").read_text())
     assert (
         set(document["candidates"]) - {each for group in found.groups for each in (group, f"{group}/seed-0")} == set()
     )

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from acrobot_recordings import acrobot_spaces
 from builders import CAR
-from report_examples import DATA, origin, write_results
+from report_examples import DATA, FILES, origin, write_results
 
 from addressed_dynamics.episodes.transitions import ContinuousAction, Dimension, SpaceSpec
 from addressed_dynamics.reporting.common.blocks import Block, Report, Table, Text
@@ -147,12 +147,12 @@ def test_eight_members_of_which_one_is_never_selected_and_other_spaces_have_a_re
 def test_imported_logs_have_a_report_without_walls_the_paper_s_claims_or_a_learner(tmp_path: Path, width: int) -> None:
     unbounded = tuple(Dimension(f"joint_{i}", "rad", -np.inf, np.inf) for i in range(width))
     spaces = SpaceSpec(unbounded, PENDULUM.action, 0.05)
-    reports, arrays = write_results(tmp_path, spaces=spaces, wall_free=None)
-    (reports / "learner.csv").write_text("index,segment,end_step,return,length,goal_reached\n")
+    figures, arrays = write_results(tmp_path, spaces=spaces, wall_free=None)
+    (tmp_path / FILES["learner.csv"]).write_text("index,segment,end_step,return,length,goal_reached\n")
     segments = {"pendulum": {"behaviour": "imported", "count": 6, "transitions": 1000, "goal_share_last_100": 0.0}}
     coverage = {"cells_per_dimension": 50, "per_dimension": {"joint_0": 1.0}, "plane": None}
-    (reports / "data.json").write_text(json.dumps(DATA | {"segments": segments, "coverage": coverage}))
-    results = load_results(reports, arrays)
+    (tmp_path / FILES["data.json"]).write_text(json.dumps(DATA | {"segments": segments, "coverage": coverage}))
+    results = load_results(figures, arrays)
     report = build_report(results, origin(spaces), None)
     text = render_markdown(report)
     for absent in ("wall", "leave the bounds", "leaves the bounds", "Table 1", "goal", "nan"):

@@ -12,7 +12,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from addressed_dynamics.base.errors import ParamsError
-from addressed_dynamics.base.params.motion import MotionExperimentParams
+from addressed_dynamics.base.params.motion import MotionExperimentParams, WalkerParams
 from addressed_dynamics.base.params.recording import EnvironmentParams, RecordParams
 from addressed_dynamics.base.params.sections import Count, Positive, Section, Seed, Share
 from addressed_dynamics.base.params.source import SourceParams
@@ -142,94 +142,76 @@ class ExperimentParams(Section):
 
 _FORMS = {"int", "tuple[float, ...]"}
 """What pydantic adds to a key's path where a value may be of several types."""
-_LISTS = {"imported", "motions"}
+_LISTS = {"experiments", "imported"}
 """Mappings at the top of a params file that are no experiments."""
 _CHOOSERS = ("kind", "by")
 """Keys whose value chooses one of several forms of their section; pydantic adds this value to the path."""
 
 
-def load_params(path: Path, experiment: str) -> ExperimentParams:
-    """Read the section of `experiment` from the params file at `path`, with the recipe it asks for.
+_FORMS_OF_KINDS: dict[str, Any] = {
+    "transitions": ExperimentParams,
+    "motion": MotionExperimentParams,
+}
+
+
+def load_experiment(path: Path, experiment: str, kind: str) -> Any:
+    """Read the section of `experiment`, of a kind of data, from the params file at `path`, with the recipe it asks for.
 
     Raises:
-        ParamsError: the file is missing or is not YAML, the experiment is not in it or is one of motion, or a key in
+        ParamsError: the file is missing or is not YAML, the experiment is not in it, there is no such kind, or a key in
             its section is unknown, missing or of a wrong type; the message gives the key's path.
     """
-    return load_recipes(path, experiment)[0]
+    return load_recipes(path, experiment, kind)[0]
 
 
-def load_recipes(path: Path, experiment: str) -> tuple[ExperimentParams, ExperimentParams]:
-    """Read the section of `experiment` as `load_params` does, once with the recipe asked for and once with the other.
-
-    Raises:
-        ParamsError: as in `load_params`.
-    """
-    return _load_recipes(path, experiment, _environment_section(path, experiment), ExperimentParams)
-
-
-def load_motion_params(path: Path, experiment: str) -> MotionExperimentParams:
-    """Read the section of an experiment with motion capture, with the recipe it asks for.
+def load_recipes(path: Path, experiment: str, kind: str) -> tuple[Any, Any]:
+    """Read the section of `experiment` as `load_experiment` does, with the recipe asked for and with the other.
 
     Raises:
-        ParamsError: as in `load_params`, or the experiment is one of an environment.
+        ParamsError: as in `load_experiment`.
     """
-    return load_motion_recipes(path, experiment)[0]
-
-
-def load_motion_recipes(path: Path, experiment: str) -> tuple[MotionExperimentParams, MotionExperimentParams]:
-    """Read such a section once with the recipe asked for and once with the other.
-
-    Raises:
-        ParamsError: as in `load_motion_params`.
-    """
-    section = _read_section(path, experiment)
-    if isinstance(section, dict) and "kind" not in section:
-        message = (
-            f"{path}: {experiment}: expected an experiment of motion capture, but there is no 'kind: motion' in it; "
-            "name one with an environment under 'experiments' in params.yaml, not under 'motions'"
-        )
+    if kind not in _FORMS_OF_KINDS:
+        message = f"{path}: {experiment}: there is no kind of data '{kind}' (kinds: {', '.join(_FORMS_OF_KINDS)})"
         raise ParamsError(message)
-    return _load_recipes(path, experiment, section, MotionExperimentParams)
+    return _load_recipes(path, experiment, _read_section(path, experiment), _FORMS_OF_KINDS[kind])
 
 
-def load_record_params(path: Path, experiment: str) -> RecordParams:
+def load_record_params(path: Path, experiment: str, kind: str) -> RecordParams | WalkerParams:
     """Read the recording plan of `experiment`.
 
     Raises:
-        ParamsError: as in `load_params`, or the experiment is imported.
+        ParamsError: as in `load_experiment`, or there is nothing to record.
     """
-    plan = load_params(path, experiment).record
+    plan: RecordParams | WalkerParams | None = load_experiment(path, experiment, kind).record
     if plan is None:
         message = (
-            f"{path}: {experiment}: there is nothing to record, because it has a 'source'; "
-            "name it under 'imported' in params.yaml instead of 'recorded', and run the stage import_logs"
+            f"{path}: {experiment}: there is nothing to record, because it has no 'record'; "
+            "take it out of 'recorded' in params.yaml, or give it one"
         )
         raise ParamsError(message)
     return plan
 
 
-def load_source_params(path: Path, experiment: str) -> SourceParams:
+def load_source_params(path: Path, experiment: str, kind: str) -> SourceParams:
     """Read what `experiment` imports.
 
     Raises:
-        ParamsError: as in `load_params`, or the experiment is recorded.
+        ParamsError: as in `load_experiment`, or there is nothing to import.
     """
-    source = load_params(path, experiment).source
+    source: SourceParams | None = getattr(load_experiment(path, experiment, kind), "source", None)
     if source is None:
         message = (
-            f"{path}: {experiment}: there is nothing to import, because it has a 'record'; "
-            "name it under 'recorded' in params.yaml instead of 'imported', and run the stage record"
+            f"{path}: {experiment}: there is nothing to import, because it has no 'source'; "
+            "take it out of 'imported' in params.yaml, or give it one"
         )
         raise ParamsError(message)
     return source
 
 
-_Experiment = TypeVar("_Experiment", ExperimentParams, MotionExperimentParams)
+_Form = TypeVar("_Form", ExperimentParams, MotionExperimentParams)
 
 
-def _load_recipes(
-    path: Path, experiment: str, section: Any, form: type[_Experiment]
-) -> tuple[_Experiment, _Experiment]:
+def _load_recipes(path: Path, experiment: str, section: Any, form: type[_Form]) -> tuple[_Form, _Form]:
     default = _validated(path, experiment, section, form)
     changes = default.paper_recipe
     changed = {**section, **{name: {**section.get(name, {}), **keys} for name, keys in changes}}
@@ -238,17 +220,6 @@ def _load_recipes(
     changed["baselines"] = {**baselines, "addressing": {**baselines["addressing"], **training}}
     paper = _validated(path, experiment, changed, form)
     return (default, paper) if default.recipe == "default" else (paper, default)
-
-
-def _environment_section(path: Path, experiment: str) -> Any:
-    section = _read_section(path, experiment)
-    if _is_motion(section):
-        message = (
-            f"{path}: {experiment}: expected an experiment with an environment, but this one is of motion capture; "
-            "name it under 'motions' in params.yaml, not under 'experiments'"
-        )
-        raise ParamsError(message)
-    return section
 
 
 def _read_section(path: Path, experiment: str) -> Any:
@@ -261,11 +232,7 @@ def _read_section(path: Path, experiment: str) -> Any:
     return document[experiment]
 
 
-def _is_motion(section: Any) -> bool:
-    return isinstance(section, dict) and section.get("kind") == "motion"
-
-
-def _validated(path: Path, experiment: str, section: Any, form: type[_Experiment]) -> _Experiment:
+def _validated(path: Path, experiment: str, section: Any, form: type[_Form]) -> _Form:
     try:
         return form.model_validate_json(json.dumps(section))
     except ValidationError as error:

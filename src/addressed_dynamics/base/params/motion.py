@@ -142,13 +142,12 @@ class MotionRecipe(RecipeChanges):
 class MotionExperimentParams(Section):
     """All sections of one experiment with motion capture."""
 
-    kind: Literal["motion"]
     title: str
     recipe: Literal["default", "paper"] = "default"
     """Whether the sections below hold as they are, or with what `paper_recipe` changes."""
     paper_recipe: MotionRecipe = Field(default_factory=MotionRecipe)
     """What the paper does otherwise; its addressing holds for `baselines.addressing` too."""
-    walker: WalkerParams | None = None
+    record: WalkerParams | None = None
     """How made-up clips are made; absent if there are real ones."""
     convert: MotionConvertParams
     features: MotionFeatureParams

@@ -141,7 +141,11 @@ def load_pair(folder: Path) -> tuple[StackedMLP, int] | None:
         ModelError: a file is missing or damaged.
     """
     keys = read_index(folder, "baselines.json")["pair"]
-    return (load_network(folder / keys[0] / "network").stack, int(keys[0].split("/seed-")[1])) if keys else None
+    return (
+        (load_network(folder / keys[0] / "network", FeatureSpec).stack, int(keys[0].split("/seed-")[1]))
+        if keys
+        else None
+    )
 
 
 def load_ensembles(folder: Path) -> tuple[dict[int, dict[str, AddressedDynamics]], dict[int, str]]:
@@ -160,8 +164,8 @@ def load_ensembles(folder: Path) -> tuple[dict[int, dict[str, AddressedDynamics]
 
 
 def _load_baseline(folder: Path) -> tuple[SavedNetwork[FeatureSpec], AddressedDynamics]:
-    network = load_network(folder / "network")
-    addressing = None if network.stack.members == 1 else load_network(folder / "addressing").stack
+    network = load_network(folder / "network", FeatureSpec)
+    addressing = None if network.stack.members == 1 else load_network(folder / "addressing", FeatureSpec).stack
     return network, AddressedDynamics(network.features, network.stack, addressing)
 
 

@@ -77,25 +77,27 @@ class Results:
     arrays: Arrays
 
 
-def load_results(reports: Path, evaluation: Path) -> Results:
+def load_results(figures: Path, evaluation: Path) -> Results:
     """Read what the stages before the report wrote.
 
     Args:
-        reports: folder of the JSON and CSV files.
-        evaluation: folder of arrays.npz.
+        figures: folder of what the stages before the evaluation found, one folder a stage.
+        evaluation: folder of what the evaluation found.
 
     Raises:
         ReportError: a file is missing or malformed.
     """
     results = Results(
-        data=read_json(reports / "data.json", DataResult),
-        evaluation=read_json(reports / "evaluation.json", Evaluation),
-        addressing=read_json(reports / "addressing.json", AddressingTrainings),
-        baselines=read_json(reports / "baselines.json", dict[str, dict[str, float]]),
-        learner=read_csv(reports / "learner.csv", by="segment", needed=("return",)),
-        ensemble_curves=read_csv(reports / "ensemble.csv", by="training", needed=("epoch", "loss/train")),
-        addressing_curves=read_csv(reports / "addressing.csv", by="training", needed=("epoch", "agreement")),
-        horizon=_read_horizon(reports / "horizon.csv"),
+        data=read_json(figures / "convert" / "data.json", DataResult),
+        evaluation=read_json(evaluation / "evaluation.json", Evaluation),
+        addressing=read_json(figures / "addressing" / "addressing.json", AddressingTrainings),
+        baselines=read_json(figures / "baselines" / "baselines.json", dict[str, dict[str, float]]),
+        learner=read_csv(figures / "convert" / "learner.csv", by="segment", needed=("return",)),
+        ensemble_curves=read_csv(figures / "ensemble" / "ensemble.csv", by="training", needed=("epoch", "loss/train")),
+        addressing_curves=read_csv(
+            figures / "addressing" / "addressing.csv", by="training", needed=("epoch", "agreement")
+        ),
+        horizon=_read_horizon(evaluation / "horizon.csv"),
         arrays=_read_arrays(evaluation / "arrays.npz"),
     )
     found = results.evaluation
@@ -103,7 +105,7 @@ def load_results(reports: Path, evaluation: Path) -> Results:
     for seed, variant in delivered.items():
         if variant not in found.seeds.get(seed, {}) or "ensemble/argmax" not in found.candidates:
             what = f"seed {seed} with {variant} addressing was not measured"
-            message = f"{reports / 'evaluation.json'}: {what}; run evaluate again"
+            message = f"{evaluation / 'evaluation.json'}: {what}; run evaluate again"
             raise ReportError(message)
     return results
 

@@ -67,28 +67,30 @@ class MotionResults:
     arrays: MotionArrays
 
 
-def load_motion_results(reports: Path, evaluation: Path) -> MotionResults:
+def load_motion_results(figures: Path, evaluation: Path) -> MotionResults:
     """Read what the stages before the report wrote.
 
     Args:
-        reports: folder of the JSON and CSV files.
-        evaluation: folder of arrays.npz.
+        figures: folder of what the stages before the evaluation found, one folder a stage.
+        evaluation: folder of what the evaluation found.
 
     Raises:
         ReportError: a file is missing or malformed.
     """
-    found = read_json(reports / "evaluation.json", MotionEvaluation)
+    found = read_json(evaluation / "evaluation.json", MotionEvaluation)
     arrays = _read_arrays(evaluation / "arrays.npz")
     if found.own_name not in arrays.loops:
-        message = f"{evaluation / 'arrays.npz'}: there is nothing of {found.own_name}; run evaluate_motion again"
+        message = f"{evaluation / 'arrays.npz'}: there is nothing of {found.own_name}; run evaluate again"
         raise ReportError(message)
     return MotionResults(
-        data=read_json(reports / "data.json", MotionData),
+        data=read_json(figures / "convert" / "data.json", MotionData),
         evaluation=found,
-        addressing=read_json(reports / "addressing.json", AddressingTrainings),
-        baselines=read_json(reports / "baselines.json", dict[str, dict[str, float]]),
-        ensemble_curves=read_csv(reports / "ensemble.csv", by="training", needed=("epoch", "loss/train")),
-        addressing_curves=read_csv(reports / "addressing.csv", by="training", needed=("epoch", "agreement")),
+        addressing=read_json(figures / "addressing" / "addressing.json", AddressingTrainings),
+        baselines=read_json(figures / "baselines" / "baselines.json", dict[str, dict[str, float]]),
+        ensemble_curves=read_csv(figures / "ensemble" / "ensemble.csv", by="training", needed=("epoch", "loss/train")),
+        addressing_curves=read_csv(
+            figures / "addressing" / "addressing.csv", by="training", needed=("epoch", "agreement")
+        ),
         arrays=arrays,
     )
 
@@ -109,5 +111,5 @@ def _read_arrays(path: Path) -> MotionArrays:
     except FileNotFoundError as error:
         raise missing_file(path) from error
     except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
-        message = f"{path}: not the arrays that the evaluate_motion stage writes ({error}); run it again"
+        message = f"{path}: not the arrays that the evaluate stage writes ({error}); run it again"
         raise ReportError(message) from error

@@ -1,17 +1,20 @@
 """What all stages share: where data lies, how a stage is called, and how it ends when something is wrong."""
 
 import argparse
+import csv
 import os
 import signal
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from tqdm import tqdm
 
 from addressed_dynamics.base.errors import AddressedDynamicsError
+from addressed_dynamics.base.files import atomic_path
 
 DATA = Path("data")
 """Everything DVC owns; relative, because DVC runs stages in the root of the repository."""
@@ -32,14 +35,19 @@ def models_dir(experiment: str) -> Path:
     return DATA / "models" / experiment
 
 
-def reports_dir(experiment: str) -> Path:
-    """Return the folder of an experiment's metrics, curves and report."""
-    return DATA / "reports" / experiment
+def figures_dir(experiment: str, stage: str = "") -> Path:
+    """Return the folder of what a stage found: figures as JSON, curves as CSV."""
+    return DATA / "figures" / experiment / stage
 
 
 def evaluation_dir(experiment: str) -> Path:
-    """Return the folder of the arrays that an experiment's figures are made of."""
+    """Return the folder of what the evaluation of an experiment found."""
     return DATA / "evaluation" / experiment
+
+
+def reports_dir(experiment: str) -> Path:
+    """Return the folder of an experiment's report."""
+    return DATA / "reports" / experiment
 
 
 def checkpoints_dir(experiment: str) -> Path:
@@ -69,30 +77,44 @@ class _Terminated(BaseException):
     """SIGTERM, as an exception that cleans up on its way, like Ctrl-C."""
 
 
-def run_stage(main: Callable[[str, Path], None]) -> NoReturn:
-    """Call `main(experiment, params_file)` with the options of the command line, then exit.
+def write_curves(path: Path, rows: list[dict[str, Any]]) -> None:
+    """Write rows of curves as CSV; a column is empty where a row does not have it."""
+    columns = dict.fromkeys(key for row in rows for key in row)
+    with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, fieldnames=list(columns), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+@dataclass(frozen=True)
+class Call:
+    """What a stage is called with."""
+
+    experiment: str
+    """Name of the experiment, a section of the params file."""
+    params_file: Path
+    """The params file."""
+    kind: str
+    """The experiment's kind of data."""
+    path: Path
+    """What the stage reads that is not made by a training: raw data, or what is to be imported."""
+
+
+def run_stage(main: Callable[[Call], None]) -> NoReturn:
+    """Call `main` with the options of the command line, then exit.
 
     The status is 0 if all went well, 1 after a project error or an error of the system (a full disk), 130 after Ctrl-C
     and 143 after SIGTERM; then stderr ends in one line that says what happened. Any other exception is a bug and shows
     its traceback.
     """
-    options = _parser(main.__module__).parse_args()
-    _end_well(lambda: main(options.experiment, options.params))
-
-
-def run_import(main: Callable[[str, Path, Path], None]) -> NoReturn:
-    """Call `main(experiment, params_file, source)` likewise: for stages that read what is not the pipeline's own."""
-    parser = _parser(main.__module__)
-    parser.add_argument("--source", required=True, type=Path, help="file or folder to import")
-    options = parser.parse_args()
-    _end_well(lambda: main(options.experiment, options.params, options.source))
-
-
-def _parser(module: str) -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(description=sys.modules[module].__doc__)
-    parser.add_argument("--experiment", required=True, help="section of the params file, for instance mountaincar")
+    parser = argparse.ArgumentParser(description=sys.modules[main.__module__].__doc__)
+    parser.add_argument("experiment", help="section of the params file, for instance mountaincar")
     parser.add_argument("--params", required=True, type=Path, help="params file, for instance params.yaml")
-    return parser
+    parser.add_argument("--kind", default="transitions", help="kind of data: transitions or motion")
+    parser.add_argument("--path", type=Path, help="file or folder to convert or to import")
+    options = parser.parse_args()
+    path = options.path or raw_dir(options.experiment)
+    _end_well(lambda: main(Call(options.experiment, options.params, options.kind, path)))
 
 
 def _end_well(stage: Callable[[], None]) -> NoReturn:

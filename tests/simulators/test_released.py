@@ -11,8 +11,11 @@ from motions import make_motion
 from pfnn_data import PFNN_DATA, needs_pfnn_data
 
 from addressed_dynamics.base.errors import ModelError
-from addressed_dynamics.networks.files import load_motion_network, load_network, save_network
-from addressed_dynamics.networks.phase_functioned import RELEASED_WIDTHS, catmull_rom, load_released
+from addressed_dynamics.features.motion.features import MotionFeatures
+from addressed_dynamics.features.transitions.spec import FeatureSpec
+from addressed_dynamics.networks.files import load_network, save_network
+from addressed_dynamics.networks.spline import catmull_rom
+from addressed_dynamics.simulators.released import RELEASED_WIDTHS, load_released
 
 PHASES = torch.linspace(-1.5, 2.5, 801, dtype=torch.float64)
 
@@ -91,7 +94,7 @@ def test_a_saved_network_of_motion_is_loaded_with_its_features(tmp_path: Path) -
     write_control_points(tmp_path / "points.npz")
     network = load_released(tmp_path / "points.npz")
     save_network(tmp_path / "network", network)
-    loaded = load_motion_network(tmp_path / "network")
+    loaded = load_network(tmp_path / "network", MotionFeatures)
     assert loaded.features == network.features
     assert torch.equal(loaded.stack.weights[2], network.stack.weights[2])
 
@@ -99,8 +102,8 @@ def test_a_saved_network_of_motion_is_loaded_with_its_features(tmp_path: Path) -
 def test_a_network_of_motion_is_not_taken_for_one_of_an_environment(tmp_path: Path) -> None:
     write_control_points(tmp_path / "points.npz")
     save_network(tmp_path / "network", load_released(tmp_path / "points.npz"))
-    with pytest.raises(ModelError, match="a model of motion, not of an environment"):
-        load_network(tmp_path / "network")
+    with pytest.raises(ModelError, match="a model of motion, but one of transitions was expected"):
+        load_network(tmp_path / "network", FeatureSpec)
 
 
 def test_features_of_an_unknown_kind_are_refused(tmp_path: Path) -> None:
@@ -110,7 +113,7 @@ def test_features_of_an_unknown_kind_are_refused(tmp_path: Path) -> None:
     config["features"]["kind"] = "sound"
     (tmp_path / "network" / "config.json").write_text(json.dumps(config))
     with pytest.raises(ModelError, match="unknown kind of features 'sound'"):
-        load_motion_network(tmp_path / "network")
+        load_network(tmp_path / "network", MotionFeatures)
 
 
 def test_control_points_of_another_shape_are_refused(tmp_path: Path) -> None:

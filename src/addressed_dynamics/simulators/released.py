@@ -1,8 +1,4 @@
-"""Phase-functioned networks (Holden, Komura, Saito 2017): weights that move along a cyclic spline with the phase.
-
-Mixing the weights of four control points is what `StackedMLP.forward_blended` does; here are the coefficients, and the
-network that the authors released, in the two forms in which its weights are found.
-"""
+"""The phase-functioned network that its authors released (Holden, Komura, Saito 2017), in the two forms of it."""
 
 from __future__ import annotations
 
@@ -12,37 +8,19 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from jaxtyping import Float, Float32
-from torch import Tensor
+from jaxtyping import Float32
 
 from addressed_dynamics.base.errors import ModelError
 from addressed_dynamics.episodes.layout import INPUT, OUTPUT
 from addressed_dynamics.features.motion.features import MotionFeatures
 from addressed_dynamics.networks.files import SavedNetwork
+from addressed_dynamics.networks.spline import CONTROL_POINTS, catmull_rom
 from addressed_dynamics.networks.stacked import StackedMLP
 
-CONTROL_POINTS = 4
-"""Control points of the spline."""
 RELEASED_WIDTHS = (INPUT.width, 512, 512, OUTPUT.width)
 RELEASED_PHASES = 50
 """Phases, evenly spaced from 0, at which the released binaries hold the weights."""
 _STATISTICS = {"Xmean": INPUT.width, "Xstd": INPUT.width, "Ymean": OUTPUT.width, "Ystd": OUTPUT.width}
-
-
-def catmull_rom(phase: Float[Tensor, " sample"]) -> Float[Tensor, "sample 4"]:
-    """Return the weight of each control point at a phase: a cyclic cubic Catmull-Rom spline (Section 5.2, Eq. 6 there).
-
-    Args:
-        phase: phases in cycles; 0 and 1 are the same, and so is any whole number more.
-    """
-    place = CONTROL_POINTS * torch.remainder(phase, 1.0)
-    start = place.floor()
-    t = (place - start).unsqueeze(1)
-    powers = torch.cat([torch.ones_like(t), t, t**2, t**3], dim=1)
-    # Rows: 1, t, t², t³. Columns: the control points before, at, after and two after `start`.
-    basis = powers.new_tensor([[0, 2, 0, 0], [-1, 0, 1, 0], [2, -5, 4, -1], [-1, 3, -3, 1]]) / 2
-    points = start.long().unsqueeze(1) + torch.arange(-1, 3, device=phase.device)
-    return torch.zeros_like(powers).scatter_add_(1, points % CONTROL_POINTS, powers @ basis)
 
 
 def load_released(path: Path) -> SavedNetwork[MotionFeatures]:

@@ -2,16 +2,18 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import torch
 
 from addressed_dynamics.base.files import atomic_path, write_json
-from addressed_dynamics.base.params.experiments import load_motion_recipes
+from addressed_dynamics.base.params.experiments import load_recipes
 from addressed_dynamics.base.params.motion import BlendedTraining, MotionExperimentParams
 from addressed_dynamics.base.torch_runtime import prepare_torch
 from addressed_dynamics.features.common.samples import Samples
+from addressed_dynamics.features.common.training_data import TrainingData
+from addressed_dynamics.features.motion.features import MotionFeatures
+from addressed_dynamics.features.motion.kind import load_training_data
 from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.simulators.motion import MotionMode, MotionModel
 from addressed_dynamics.tracking import Run
@@ -23,22 +25,28 @@ from addressed_dynamics.training.epochs import Epoch, updates_per_epoch
 from addressed_dynamics.training.estimates import seconds_per_update
 from addressed_dynamics.training.losses import reported_loss
 from addressed_dynamics.training.motion_baselines import PFNN_FEATURES, blended_training, same_size, total_parameters
-from pipeline.addressings import addressing_seconds
-from pipeline.common import checkpoints_dir, models_dir, reports_dir, run_stage
-from pipeline.ensembles import ensemble_seconds
-from pipeline.motion_training import MotionTrainingData, load_motion_data
-from pipeline.training import Stage, TrackedJob, remove_checkpoints, resumable, train_tracked, write_curves
+from pipeline.stage import Call, checkpoints_dir, figures_dir, models_dir, tables_dir, write_curves
+from pipeline.trainings import (
+    Stage,
+    TrackedJob,
+    addressing_seconds,
+    ensemble_seconds,
+    remove_checkpoints,
+    resumable,
+    train_tracked,
+)
 
 
-def main(experiment: str, params_file: Path) -> None:
+def train(call: Call) -> None:
     """Train the baselines of `experiment`."""
-    chosen, other = load_motion_recipes(params_file, experiment)
+    experiment, tables = call.experiment, tables_dir(call.experiment)
+    chosen, other = load_recipes(call.params_file, experiment, call.kind)
     params = chosen.baselines
     prepare_torch(threads=1)
-    own = load_motion_data(experiment, chosen.features, chosen.augmentation)
+    own = load_training_data(tables, chosen, chosen.features)
     data = {
-        "phase_functioned": load_motion_data(experiment, PFNN_FEATURES, None),
-        "other_recipe": load_motion_data(experiment, other.features, other.augmentation),
+        "phase_functioned": load_training_data(tables, chosen, PFNN_FEATURES, augmented=False),
+        "other_recipe": load_training_data(tables, other, other.features),
     }
     names = {name: OTHER_RECIPE[chosen.recipe] if name == "other_recipe" else name for name in params.train}
     trained = {f"{names[name]}/seed-{seed}": (name, seed) for seed in params.seeds for name in params.train}
@@ -47,7 +55,7 @@ def main(experiment: str, params_file: Path) -> None:
         for key, (name, seed) in trained.items()
     }
     results, ensembles, runs = dict[str, dict[str, float]](), dict[str, StackedMLP](), dict[str, Run]()
-    stage = Stage("train_motion_baselines", experiment, params_file, params.processes)
+    stage = Stage("train_baselines", experiment, call.params_file, params.processes)
     with atomic_path(models_dir(experiment) / "baselines") as folder:
 
         def finish(key: str, epoch: Epoch, run: Run) -> None:
@@ -79,14 +87,19 @@ def main(experiment: str, params_file: Path) -> None:
         }
         train_tracked(stage, addressings, finish_addressing)
         write_json(folder / "baselines.json", {"format": 1, "trained": list(trained)})
-    write_json(reports_dir(experiment) / "baselines.json", {key: results[key] for key in trained})
-    write_curves(reports_dir(experiment) / "baselines.csv", rows)
+    write_json(figures_dir(experiment, "baselines") / "baselines.json", {key: results[key] for key in trained})
+    write_curves(figures_dir(experiment, "baselines") / "baselines.csv", rows)
     remove_checkpoints(jobs)
     remove_checkpoints(addressings)
 
 
 def _job(
-    experiment: str, key: str, name: str, seed: int, sections: MotionExperimentParams, data: MotionTrainingData
+    experiment: str,
+    key: str,
+    name: str,
+    seed: int,
+    sections: MotionExperimentParams,
+    data: TrainingData[MotionFeatures],
 ) -> TrackedJob:
     ensemble, samples, features = sections.ensemble, len(data.train), data.features
     training: Callable[..., Iterator[Epoch]]
@@ -94,7 +107,8 @@ def _job(
     match name:
         case "phase_functioned":
             blended = blended_training(sections.baselines.phase_functioned, ensemble, samples)
-            phases = data.train_phase, data.validation_phase
+            assert data.phases is not None
+            phases = data.phases
             training = partial(
                 train_phase_functioned, data.train, phases[0], data.validation, phases[1], blended, seed=seed
             )
@@ -128,7 +142,7 @@ def _job(
     )
 
 
-def _blended_seconds(name: str, data: MotionTrainingData, params: BlendedTraining) -> float:
+def _blended_seconds(name: str, data: TrainingData[MotionFeatures], params: BlendedTraining) -> float:
     brief = params.model_copy(update={"epochs": 2})
 
     def training(samples: Samples) -> Iterator[Epoch]:
@@ -147,7 +161,7 @@ def _addressing_job(
     key: str,
     seed: int,
     sections: MotionExperimentParams,
-    data: MotionTrainingData,
+    data: TrainingData[MotionFeatures],
     network: StackedMLP,
 ) -> TrackedJob:
     params, loss = sections.baselines.addressing, reported_loss(sections.ensemble.loss)
@@ -162,7 +176,3 @@ def _addressing_job(
     return resumable(
         training, title, notes, checkpoints_dir(experiment), *data.tensors, on_train, on_validation, seconds=seconds
     )
-
-
-if __name__ == "__main__":
-    run_stage(main)

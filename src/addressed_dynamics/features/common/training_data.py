@@ -1,0 +1,55 @@
+"""What networks are trained on, and how it was made."""
+
+from dataclasses import dataclass, field
+from typing import Any, Generic, Protocol, TypeVar
+
+from torch import Tensor
+
+from addressed_dynamics.features.common.augmentation import Augment
+from addressed_dynamics.features.common.samples import Samples
+
+
+class AnyFeatures(Protocol):
+    """What a kind's features are to everything that knows no kind."""
+
+    @property
+    def inputs(self) -> int:
+        """Number of a network's inputs."""
+        ...
+
+    @property
+    def outputs(self) -> int:
+        """Number of a network's outputs."""
+        ...
+
+    def loss_unit(self, loss: Any, /) -> float:
+        """Return by what a loss of normalised outputs is multiplied to be in the unit that is reported."""
+        ...
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the features as JSON-compatible values, from which they are made again."""
+        ...
+
+
+Features = TypeVar("Features", bound=AnyFeatures)
+
+
+@dataclass(frozen=True)
+class TrainingData(Generic[Features]):
+    """The samples of an experiment, and how they were made."""
+
+    features: Features
+    """Normalisation and targets, from the training split alone."""
+    train: Samples
+    """Samples to train on."""
+    validation: Samples
+    """Samples to choose by."""
+    augment: Augment | None = None
+    """What is done to batches before a network sees them; None for nothing."""
+    phases: tuple[Tensor, Tensor] | None = field(default=None)
+    """Phase of each training and of each validation sample, in [0, 1], if the data have phases."""
+
+    @property
+    def tensors(self) -> tuple[Tensor, ...]:
+        """Everything a training may see."""
+        return self.train.x, self.train.y, self.validation.x, self.validation.y

@@ -1,0 +1,32 @@
+"""What motion supplies to the trainings."""
+
+from pathlib import Path
+
+from torch import from_numpy
+
+from addressed_dynamics.base.params.motion import MotionExperimentParams, MotionFeatureParams
+from addressed_dynamics.features.common.training_data import TrainingData
+from addressed_dynamics.features.motion.augmentation import MotionAugmentation
+from addressed_dynamics.features.motion.features import MotionFeatures, fit_motion_features
+from addressed_dynamics.sources.motion.tables import load_motion
+
+FEATURES = MotionFeatures
+"""What networks of this kind of data are saved with."""
+SECTIONS = ("features", "augmentation")
+"""Sections of an experiment's params that say what networks see."""
+
+
+def load_training_data(
+    tables: Path,
+    sections: MotionExperimentParams,
+    features: MotionFeatureParams | MotionFeatures,
+    *,
+    augmented: bool = True,
+) -> TrainingData[MotionFeatures]:
+    """Read the training and validation samples in `tables`, with features to be fitted or those of a model."""
+    train, validation = load_motion(tables, "train"), load_motion(tables, "validation")
+    spec = features if isinstance(features, MotionFeatures) else fit_motion_features(train, features)
+    samples = spec.samples(train)
+    augment = MotionAugmentation(spec, samples.x, sections.augmentation) if augmented else None
+    phases = from_numpy(train.phase), from_numpy(validation.phase)
+    return TrainingData(spec, samples, spec.samples(validation), augment, phases)

@@ -1,0 +1,25 @@
+"""What transitions supply to the trainings."""
+
+from pathlib import Path
+
+from addressed_dynamics.base.params.experiments import ExperimentParams, FeatureParams
+from addressed_dynamics.episodes.parquet import load_transitions
+from addressed_dynamics.features.common.training_data import TrainingData
+from addressed_dynamics.features.transitions.spec import FeatureSpec, fit_features
+
+FEATURES = FeatureSpec
+"""What networks of this kind of data are saved with."""
+SECTIONS = ("features",)
+"""Sections of an experiment's params that say what networks see."""
+
+
+def load_training_data(
+    tables: Path,
+    sections: ExperimentParams,  # noqa: ARG001 - transitions are trained on as they are
+    features: FeatureParams | FeatureSpec,
+) -> TrainingData[FeatureSpec]:
+    """Read the training and validation samples in `tables`, with features to be fitted or those of a model."""
+    train = load_transitions(tables, split="train")
+    validation = load_transitions(tables, split="validation")
+    spec = features if isinstance(features, FeatureSpec) else fit_features(train, features)
+    return TrainingData(spec, spec.samples(train), spec.samples(validation))

@@ -1,0 +1,41 @@
+"""What a report is about, and what is kept of it beside its files."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+
+@dataclass(frozen=True)
+class Subject:
+    """The experiment that a report is on, and where its results are."""
+
+    experiment: str
+    """Its name."""
+    params: Any
+    """Its sections of the params file."""
+    params_file: str
+    """Where they are from."""
+    models: Path
+    """Folder of its models."""
+    figures: Path
+    """Folder of what the stages before the evaluation found, one folder a stage."""
+    evaluation: Path
+    """Folder of what the evaluation found."""
+    commit: str
+    """Version of the code."""
+    runs: Mapping[str, str]
+    """Where to find the runs of its trainings."""
+
+
+@dataclass(frozen=True)
+class Written:
+    """What tracking keeps of a report."""
+
+    headline: dict[str, float]
+    """The figures that a table of runs should show."""
+    model: tuple[torch.nn.Module, np.ndarray] | None = None
+    """The delivered model with an example of its input, if it can be kept without this package."""

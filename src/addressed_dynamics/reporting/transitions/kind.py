@@ -1,0 +1,51 @@
+"""What transitions supply to the stage that writes the report."""
+
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float32
+
+from addressed_dynamics.base.params.training import AddressingParams, EnsembleParams
+from addressed_dynamics.features.transitions.spec import FeatureSpec
+from addressed_dynamics.networks.files import load_network
+from addressed_dynamics.reporting.common.paper import PAPER
+from addressed_dynamics.reporting.common.render import write_report
+from addressed_dynamics.reporting.common.results import Arrays, load_results
+from addressed_dynamics.reporting.common.written import Subject, Written
+from addressed_dynamics.reporting.transitions.document import build_report, headline
+from addressed_dynamics.reporting.transitions.origin import Origin
+from addressed_dynamics.simulators.addressed import AddressedDynamics
+from addressed_dynamics.simulators.portable import PortableDynamics
+
+LIBRARIES = ("addressed-dynamics", "gymnasium", "numpy", "stable-baselines3", "torch")
+
+
+def write(subject: Subject, target: Path) -> Written:
+    """Write the report on `subject` into the folder `target`."""
+    results = load_results(subject.figures, subject.evaluation)
+    delivered = results.evaluation.delivered
+    ensemble = load_network(subject.models / "ensemble" / f"seed-{delivered.seed}", FeatureSpec)
+    addressing = load_network(subject.models / "addressing" / f"seed-{delivered.seed}" / delivered.variant, FeatureSpec)
+    origin = Origin(
+        title=subject.params.title,
+        params_file=subject.params_file,
+        recipe=subject.params.recipe,
+        commit=subject.commit,
+        versions={name: version(name) for name in LIBRARIES},
+        features=ensemble.features,
+        ensemble=EnsembleParams.model_validate(ensemble.notes["params"]["ensemble"], strict=False),
+        addressing=AddressingParams.model_validate(addressing.notes["params"], strict=False),
+        runs=subject.runs,
+    )
+    paper = PAPER.get(subject.experiment)
+    write_report(build_report(results, origin, paper), target)
+    model = PortableDynamics(AddressedDynamics(ensemble.features, ensemble.stack, addressing.stack))
+    return Written(headline(results, paper), (model, _input_example(results.arrays, ensemble.features.history)))
+
+
+def _input_example(arrays: Arrays, history: int) -> Float32[np.ndarray, "4 input"]:
+    """Return inputs of `PortableDynamics` that show their form: test points, each in place of its whole history."""
+    action = arrays.action.reshape(len(arrays.observation), -1)
+    frames = np.hstack([arrays.observation, action])[:4].astype(np.float32)
+    return np.tile(frames, (1, history))
