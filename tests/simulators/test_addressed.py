@@ -10,7 +10,8 @@ from addressed_dynamics.base.errors import ModelError
 from addressed_dynamics.episodes.transitions import DiscreteAction, Transitions
 from addressed_dynamics.networks.files import SavedNetwork, save_network
 from addressed_dynamics.networks.stacked import StackedMLP
-from addressed_dynamics.simulators.addressed import MODES, AddressedDynamics, Mode
+from addressed_dynamics.simulators.addressed import AddressedDynamics
+from addressed_dynamics.simulators.modes import MODES, Mode
 
 WORLDS = {"car": drive((30, 20)), "arm": swing()}
 HIDDEN = {"tanh": np.tanh, "relu": lambda x: np.maximum(x, 0.0)}

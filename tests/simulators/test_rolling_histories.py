@@ -16,7 +16,8 @@ from addressed_dynamics.episodes.transitions import Transitions
 from addressed_dynamics.features.transitions.spec import fit_features
 from addressed_dynamics.networks.files import SavedNetwork, save_network
 from addressed_dynamics.networks.stacked import StackedMLP
-from addressed_dynamics.simulators.addressed import MODES, AddressedDynamics, Mode
+from addressed_dynamics.simulators.addressed import AddressedDynamics
+from addressed_dynamics.simulators.modes import MODES, Mode
 from addressed_dynamics.simulators.portable import PortableDynamics
 
 HISTORY, STEPS, BATCH = 4, 5, 3

@@ -128,3 +128,6 @@ OUTPUT = Layout(
 )
 """Outputs: how the root moves and turns (minus the change of heading), the change of phase, which feet touch the
 ground, the trajectory from frame i + 1 on in the root of frame i + 1, and the joints of frame i in its own root."""
+
+MADE_UP = "made_up.json"
+"""File in a folder of clips that a program made up: which program, and from what."""

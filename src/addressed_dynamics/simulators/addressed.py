@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import TypeVar
 
 import numpy as np
 import torch
@@ -15,10 +15,7 @@ from addressed_dynamics.features.transitions.spec import FeatureSpec
 from addressed_dynamics.networks.addressing import addressed_members, addressing_scores
 from addressed_dynamics.networks.files import addressed_folders, load_network
 from addressed_dynamics.networks.stacked import StackedMLP
-
-Mode = Literal["argmax", "sample", "mixture", "blend"]
-MODES: tuple[Mode, ...] = ("argmax", "sample", "mixture", "blend")
-"""How the addressing network's outputs are used; `argmax` is the paper's, the others are its future work."""
+from addressed_dynamics.simulators.modes import MODES, Mode
 
 Array = TypeVar("Array", np.ndarray, Tensor)
 

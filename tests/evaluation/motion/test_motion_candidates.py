@@ -25,7 +25,7 @@ from addressed_dynamics.evaluation.motion.candidates import (
 from addressed_dynamics.features.motion.features import fit_motion_features
 from addressed_dynamics.networks.files import SavedNetwork, save_network
 from addressed_dynamics.networks.stacked import StackedMLP
-from addressed_dynamics.simulators.addressed import MODES
+from addressed_dynamics.simulators.modes import MODES
 from addressed_dynamics.simulators.motion import MotionMode, MotionModel
 
 MOTION = make_motion(48)

@@ -38,7 +38,7 @@ from addressed_dynamics.evaluation.motion.suite import (
 )
 from addressed_dynamics.features.motion.features import fit_motion_features
 from addressed_dynamics.networks.stacked import StackedMLP
-from addressed_dynamics.simulators.addressed import MODES
+from addressed_dynamics.simulators.modes import MODES
 from addressed_dynamics.simulators.motion import MotionModel
 
 TRAIN = make_motion(48)

@@ -23,7 +23,7 @@ from addressed_dynamics.evaluation.transitions.suite import (
     member_losses,
 )
 from addressed_dynamics.features.transitions.spec import fit_features
-from addressed_dynamics.simulators.addressed import MODES
+from addressed_dynamics.simulators.modes import MODES
 
 WORLD = drive((30, 20, 25))
 MODEL = untrained_model(WORLD)

@@ -148,7 +148,7 @@ def example() -> dict[str, Any]:
     )
 
 
-def data_json(prefix: str = "Walker") -> dict[str, Any]:
+def data_json(prefix: str = "Walker", *, made_up: bool = True) -> dict[str, Any]:
     """What import_motion writes, of clips with such names."""
     clips = {
         f"{prefix}_{name}{mirror}": {
@@ -165,7 +165,13 @@ def data_json(prefix: str = "Walker") -> dict[str, Any]:
     return {
         "rows": 1800,
         "seconds": 30.0,
-        "source": {"rows": 1800, "exact_duplicates": 0, "other_patches": 0, "boundaries": "files"},
+        "source": {
+            "rows": 1800,
+            "exact_duplicates": 0,
+            "other_patches": 0,
+            "boundaries": "files",
+            "made_up": {"program": "walker", "seed": 0, "minutes": 3.0} if made_up else None,
+        },
         "splits": {"train": {"rows": 1200, "clips": 4}, "test": {"rows": 600, "clips": 2}},
         "clips": clips,
         "gaits": {"stand": 0.0, "walk": 0.4, "jog": 0.6},

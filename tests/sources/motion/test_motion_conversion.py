@@ -12,8 +12,8 @@ from pfnn_data import PFNN_DATA, needs_pfnn_data
 from addressed_dynamics import read_motion
 from addressed_dynamics.base.errors import MotionError
 from addressed_dynamics.base.params.motion import MotionConvertParams
-from addressed_dynamics.episodes.layout import OUTPUT
-from addressed_dynamics.sources.motion.conversion import convert_motion
+from addressed_dynamics.episodes.layout import MADE_UP, OUTPUT
+from addressed_dynamics.sources.motion.conversion import convert_motion, read_made_up
 from addressed_dynamics.sources.motion.splits import MOTION_SPLITS
 from addressed_dynamics.sources.motion.tables import INPUTS, OUTPUTS, load_motion
 
@@ -41,6 +41,7 @@ def test_tables_hold_one_patch_and_the_report_counts_the_others(tmp_path: Path) 
     assert report["source"] == {
         "kind": "pfnn_database", "rows": 3 * len(motion), "exact_duplicates": 2 * len(motion), "other_patches": 0,
         "boundaries": "meta",
+        "made_up": None,
     }  # fmt: skip
     assert report["rows"] == len(motion) == sum(statistics["splits"].values())
     assert report["seconds"] == pytest.approx((len(motion) - 4 * 7) / 60)
@@ -120,3 +121,13 @@ def test_real_clips_are_continuous_flat_and_move_at_the_pace_of_people(tmp_path:
     assert report["quality"]["flat_terrain"] is True
     assert report["gaits"]["jog"] == pytest.approx(0.83, abs=0.01)
     assert 100 < report["speed"]["jog"]["q50"] < 150
+
+
+def test_what_made_the_clips_up_is_carried_into_the_report_and_a_damaged_word_of_it_is_refused(tmp_path: Path) -> None:
+    assert read_made_up(tmp_path) is None
+    (tmp_path / MADE_UP).write_text('{"program": "walker", "seed": 3}')
+    assert read_made_up(tmp_path) == {"program": "walker", "seed": 3}
+    assert read_made_up(tmp_path / "database.npz") is None
+    (tmp_path / MADE_UP).write_text("{")
+    with pytest.raises(MotionError, match=r"made_up\.json: should say how the clips were made up"):
+        read_made_up(tmp_path)

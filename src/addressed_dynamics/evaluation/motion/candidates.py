@@ -14,7 +14,7 @@ from addressed_dynamics.evaluation.motion.baselines import mean_outputs, persist
 from addressed_dynamics.evaluation.motion.predictor import MotionPredictor
 from addressed_dynamics.networks.files import read_index
 from addressed_dynamics.networks.ridge import fit_ridge
-from addressed_dynamics.simulators.addressed import MODES, Mode
+from addressed_dynamics.simulators.modes import MODES, Mode
 from addressed_dynamics.simulators.motion import MotionModel
 
 ENSEMBLE = "ensemble"

@@ -14,7 +14,8 @@ from addressed_dynamics.evaluation.transitions.one_step import Predictor
 from addressed_dynamics.features.transitions.spec import FeatureSpec
 from addressed_dynamics.networks.files import SavedNetwork, load_network, read_index
 from addressed_dynamics.networks.stacked import StackedMLP
-from addressed_dynamics.simulators.addressed import MODES, AddressedDynamics, Mode
+from addressed_dynamics.simulators.addressed import AddressedDynamics
+from addressed_dynamics.simulators.modes import MODES, Mode
 from addressed_dynamics.training.baselines import OTHER_RECIPE
 
 MEAN = "ensemble/mean"

@@ -13,7 +13,8 @@ from addressed_dynamics.evaluation.transitions.candidates import Candidate
 from addressed_dynamics.evaluation.transitions.physics import ANGLE_LIMIT, acrobot_course, check_recording, simulate
 from addressed_dynamics.evaluation.transitions.spreads import against_horizon, spread
 from addressed_dynamics.evaluation.transitions.truth import TrueRollouts
-from addressed_dynamics.simulators.addressed import AddressedDynamics, Mode
+from addressed_dynamics.simulators.addressed import AddressedDynamics
+from addressed_dynamics.simulators.modes import Mode
 
 LEFT_BOUNDS_TOLERANCE = 0.01
 """A predicted state has left the bounds when it lies outside by more than this share of their range."""

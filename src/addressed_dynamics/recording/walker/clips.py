@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from addressed_dynamics.base.errors import MotionError
-from addressed_dynamics.base.files import atomic_path, write_text
-from addressed_dynamics.episodes.layout import JOINTS, PARENTS
+from addressed_dynamics.base.files import atomic_path, write_json, write_text
+from addressed_dynamics.episodes.layout import JOINTS, MADE_UP, PARENTS
 from addressed_dynamics.logs.bvh import write_bvh
 from addressed_dynamics.logs.hierarchy import Skeleton
 from addressed_dynamics.recording.walker.body import MIRRORED, OFFSETS
@@ -109,7 +109,9 @@ def make_walker_clips(folder: Path, *, seed: int, minutes: float = 3.0) -> None:
         MotionError: the folder holds something else, or the clips would be too short for a gait cycle.
     """
     foreign = (
-        sorted(path.name for path in folder.iterdir() if not path.name.startswith(PREFIX)) if folder.exists() else []
+        sorted(path.name for path in folder.iterdir() if not path.name.startswith((PREFIX, MADE_UP)))
+        if folder.exists()
+        else []
     )
     if foreign:
         message = f"{folder}: holds '{foreign[0]}', which is not a clip of the walker: give a folder of its own"
@@ -121,3 +123,4 @@ def make_walker_clips(folder: Path, *, seed: int, minutes: float = 3.0) -> None:
             clip = walk(f"{PREFIX}_{name}", script, seconds, generator)
             write_clip(temporary, clip)
             write_clip(temporary, mirrored(clip))
+        write_json(temporary / MADE_UP, {"program": "walker", "seed": seed, "minutes": minutes})

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 from pydantic import Field
 
 from addressed_dynamics.episodes.layout import FRAME_RATE
-from addressed_dynamics.recording.walker.clips import PREFIX
 from addressed_dynamics.reporting.common.blocks import Block, Column, Row, Table, Text
 from addressed_dynamics.reporting.common.numbers import MISSING, count, listed, percent, significant
 from addressed_dynamics.reporting.common.records import Record
@@ -32,6 +32,8 @@ class Source(Record):
     other_patches: int
     boundaries: str
     """How clips are told apart: `files`, `meta` or `phase`."""
+    made_up: dict[str, Any] | None = None
+    """By which program the clips were made up, and from what; None for motion capture."""
 
 
 class SplitSize(Record):
@@ -90,8 +92,8 @@ class MotionData(Record):
 
     @property
     def made_up(self) -> bool:
-        """Whether all clips are those of the made-up walker."""
-        return all(name.startswith(PREFIX) for name in self.clips)
+        """Whether a program made up the clips."""
+        return self.source.made_up is not None
 
     @property
     def groups(self) -> dict[str, list[ClipResult]]:

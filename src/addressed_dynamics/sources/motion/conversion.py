@@ -6,12 +6,15 @@ to be written. Never more than a block of rows of it is in memory.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 from addressed_dynamics.base.errors import MotionError
 from addressed_dynamics.base.files import atomic_path, write_json
 from addressed_dynamics.base.params.motion import MotionConvertParams
+from addressed_dynamics.episodes.layout import MADE_UP
 from addressed_dynamics.episodes.statistics import moments_to_json
 from addressed_dynamics.sources.motion.report import Figures, motion_report
 from addressed_dynamics.sources.motion.source import stream_motion, survey_motion
@@ -49,7 +52,24 @@ def convert_motion(
             _check_split(source, len(survey.groups), MOTION_SPLITS[name], sizes)
         statistics = {"splits": sizes, MOTION_SPLITS[TRAIN]: moments_to_json([*INPUTS, *OUTPUTS], figures.train)}
         write_json(folder / "statistics.json", statistics)
-        write_json(reports / "data.json", motion_report(survey, figures))
+        write_json(reports / "data.json", motion_report(survey, figures, read_made_up(source)))
+
+
+def read_made_up(source: Path) -> dict[str, Any] | None:
+    """Return what the file `made_up.json` in a folder of clips says, which a program that makes up clips leaves there.
+
+    Raises:
+        MotionError: the file is damaged.
+    """
+    path = source / MADE_UP
+    if not path.is_file():
+        return None
+    try:
+        said = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+        message = f"{path}: should say how the clips were made up, but cannot be read ({error}); make them again"
+        raise MotionError(message) from error
+    return said if isinstance(said, dict) else {"program": str(said)}
 
 
 def _check_split(source: Path, clips: int, split: MotionSplit, sizes: Mapping[MotionSplit, int]) -> None:

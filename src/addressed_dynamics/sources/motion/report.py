@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -94,8 +94,14 @@ class Figures:
             self.jumps[name] = max(self.jumps.get(name, 0.0), greatest)
 
 
-def motion_report(survey: Survey, figures: Figures) -> dict[str, Any]:
-    """Return the report as JSON-compatible values; at least one row must have been added to `figures`."""
+def motion_report(survey: Survey, figures: Figures, made_up: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Return the report as JSON-compatible values.
+
+    Args:
+        survey: what the source holds.
+        figures: what was counted of its rows; of one at least.
+        made_up: by which program the clips were made up, and from what; None for motion capture.
+    """
     return {
         "rows": survey.kept_rows,
         "seconds": _seconds(survey.cycles),
@@ -105,6 +111,7 @@ def motion_report(survey: Survey, figures: Figures) -> dict[str, Any]:
             "exact_duplicates": survey.exact_duplicates,
             "other_patches": survey.other_patches,
             "boundaries": survey.boundaries,
+            "made_up": made_up,
         },
         "splits": {
             name: {"rows": int(rows), "clips": sum(int(counts[index] > 0) for counts in figures.clips.values())}
