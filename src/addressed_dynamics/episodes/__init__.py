@@ -8,13 +8,14 @@ from addressed_dynamics.episodes.parquet import (
     table_writer,
     write_table,
 )
-from addressed_dynamics.episodes.splits import SPLITS, Split, assign_splits
+from addressed_dynamics.episodes.splits import SPLITS, Split, assign_splits, file_names
 
 __all__ = [
     "SPLITS",
     "Split",
     "TransitionTable",
     "assign_splits",
+    "file_names",
     "load_transitions",
     "read_table",
     "table_files",

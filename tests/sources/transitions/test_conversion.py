@@ -115,6 +115,38 @@ def test_every_segment_has_episodes_in_every_split_and_tables_agree_with_the_lis
     assert [each.seed for each in episodes if each.episode in (0, 1, 100)] == [0, None, 100]
 
 
+def import_files(folder: Path, origins: Sequence[str]) -> None:
+    """Write what an import of these files leaves: logs and episodes are numbered in the order of all files."""
+    for index, origin in enumerate(origins):
+        write_part(folder, f"{index:04d}-{Path(origin).stem}", [3, 4], first=1000 * index)
+    logs = {origin: {"log": f"{index:04d}-{Path(origin).stem}.mcap"} for index, origin in enumerate(origins)}
+    record = {"files": {origin: {"read": 9} for origin in origins}, "totals": {"read": 9 * len(origins)}}
+    (folder / "import.json").write_text(json.dumps({**record, "details": logs}))
+
+
+def test_one_more_file_leaves_every_episode_of_the_others_in_its_split(tmp_path: Path) -> None:
+    # The new file comes first, so that the logs and episodes of all others get other numbers.
+    others = [f"logs/drive-{number:02d}.csv" for number in range(25)]
+    found = []
+    for name, origins in (("before", others), ("after", ["logs/a-new-drive.csv", *others])):
+        import_files(tmp_path / name / "raw", origins)
+        episodes = read_episodes(convert(tmp_path / name) / "tables" / "episodes.parquet")
+        found.append({each.name: each.split for each in episodes})
+    before, after = found
+    assert set(before) == {f"drive-{number:02d}#{place}" for number in range(25) for place in (0, 1)}
+    assert set(before.values()) == {"train", "validation", "test"}
+    assert {name: after[name] for name in before} == before
+    assert set(after) - set(before) == {"a-new-drive#0", "a-new-drive#1"}
+
+
+def test_episodes_are_called_by_their_log_and_their_number_in_it(tmp_path: Path) -> None:
+    write_recording(tmp_path / "raw")
+    episodes = read_episodes(convert(tmp_path) / "tables" / "episodes.parquet")
+    names = {each.episode: each.name for each in episodes}
+    assert names[0] == "learner-env00-000#0"
+    assert names[101] == "learner-env01-000#1"
+
+
 def test_statistics_are_those_of_the_training_episodes_alone(tmp_path: Path) -> None:
     write_recording(tmp_path / "raw")
     tables = convert(tmp_path) / "tables"
@@ -242,6 +274,6 @@ def test_no_logs_other_spaces_and_an_episode_in_two_logs_are_refused(tmp_path: P
 
 def test_nothing_to_train_on_is_an_error(tmp_path: Path) -> None:
     write_part(tmp_path / "raw", "a-env00-000", [3], first=0)
-    seed = next(seed for seed in range(50) if episode_places([0], seed)[0] < PARAMS.test_share)
+    seed = next(seed for seed in range(50) if episode_places(["a-env00-000#0"], seed)[0] < PARAMS.test_share)
     with pytest.raises(TableError, match="none of its 1 episodes is left to train on"):
         convert(tmp_path, params=PARAMS.model_copy(update={"split_seed": seed}))

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ from addressed_dynamics.base.errors import LogError, TableError
 from addressed_dynamics.base.files import atomic_path, write_json
 from addressed_dynamics.base.params.experiments import ConvertParams
 from addressed_dynamics.base.processes import OrderedMap, worker_processes
-from addressed_dynamics.episodes import SPLITS, Split, TransitionTable, assign_splits, table_writer
+from addressed_dynamics.episodes import SPLITS, Split, TransitionTable, assign_splits, file_names, table_writer
 from addressed_dynamics.episodes.coverage import Occupancy, count_duplicates, first_duplicate, row_fingerprints
 from addressed_dynamics.episodes.findings import Finding, find, findings_to_json, refuse_useless
 from addressed_dynamics.episodes.imports import ImportRecord, read_import_record
@@ -34,8 +34,6 @@ LEARNER = "dqn"
 """The behaviour whose episodes make the learning curve."""
 IMPORT_RECORD = "import.json"
 """What the import of foreign logs counted, beside the logs that it wrote."""
-HISTORY = 1
-"""Steps of an episode that a model has to see before it can predict."""
 BLOCK_ROWS = 2**18
 """Transitions of a log that are in memory at once, up to the end of an episode."""
 WORKER_BYTES = 8 * 2**20
@@ -56,13 +54,14 @@ class _LogSummary:
     sample: Sample
     """Some of the observations and actions, to tell outliers by."""
 
-    def merge(self, other: _LogSummary) -> _LogSummary:
-        """Add what a later block of the same log holds."""
+    @staticmethod
+    def join(blocks: Sequence[_LogSummary]) -> _LogSummary:
+        """Add up what the blocks of one log hold, at least one."""
         return replace(
-            self,
-            episodes=self.episodes + other.episodes,
-            ranges=self.ranges.merge(other.ranges),
-            sample=self.sample.merge(other.sample),
+            blocks[0],
+            episodes=tuple(episode for block in blocks for episode in block.episodes),
+            ranges=reduce(Moments.merge, [block.ranges for block in blocks]),
+            sample=Sample.join([block.sample for block in blocks]),
         )
 
 
@@ -132,7 +131,8 @@ def convert_recording(
     logs = _logs(recording)
     with atomic_path(tables) as folder, worker_processes(_processes(logs, cores)) as ordered_map:
         summaries = _summaries(recording, logs, ordered_map)
-        episodes = _episodes(summaries, params)
+        imported = read_import_record(recording / IMPORT_RECORD)
+        episodes = _episodes(summaries, _log_names(summaries, imported), params)
         ranges = reduce(Moments.merge, [summary.ranges for summary in summaries])
         jobs = _jobs(summaries, episodes, ranges, folder, params.row_group_rows)
         figures = []
@@ -141,7 +141,6 @@ def convert_recording(
             progress(len(found.fingerprints))
         write_episodes(folder / "episodes.parquet", episodes)
         write_json(folder / "statistics.json", _statistics(episodes, figures, recording))
-        imported = read_import_record(recording / IMPORT_RECORD)
         findings = _findings(summaries, figures, imported)
         refuse_useless(recording, findings)
         report = _report(summaries, episodes, ranges, figures)
@@ -185,8 +184,7 @@ def _summaries(recording: Path, logs: Sequence[Path], ordered_map: OrderedMap) -
 
 
 def _summarise(log: Path) -> _LogSummary:
-    blocks = read_episodes(log, at_least=BLOCK_ROWS)
-    return reduce(_LogSummary.merge, (_summary_of(log, block) for block in blocks))
+    return _LogSummary.join([_summary_of(log, block) for block in read_episodes(log, at_least=BLOCK_ROWS)])
 
 
 def _summary_of(log: Path, block: LogContents) -> _LogSummary:
@@ -202,26 +200,39 @@ def _summary_of(log: Path, block: LogContents) -> _LogSummary:
     )
 
 
-def _episodes(summaries: Sequence[_LogSummary], params: ConvertParams) -> list[Episode]:
+def _log_names(summaries: Sequence[_LogSummary], imported: ImportRecord | None) -> list[str]:
+    """Return a name for each log that does not depend on the others: an imported one is called like its origin.
+
+    The logs of an import are numbered, so that one more file gives others new names.
+    """
+    origins = imported.origins if imported else {}
+    return file_names([PurePath(origins.get(summary.log.name, summary.log.name)) for summary in summaries])
+
+
+def _episodes(summaries: Sequence[_LogSummary], names: Sequence[str], params: ConvertParams) -> list[Episode]:
     """Split the episodes of each segment by itself, so that each has its share of test episodes."""
-    by_segment: dict[str, list[EpisodeRecord]] = {}
-    for summary in summaries:
-        by_segment.setdefault(summary.segment, []).extend(summary.episodes)
+    by_segment: dict[str, list[tuple[str, EpisodeRecord]]] = {}
+    for summary, name in zip(summaries, names, strict=True):
+        records = [(f"{name}#{number}", record) for number, record in enumerate(summary.episodes)]
+        by_segment.setdefault(summary.segment, []).extend(records)
     episodes = []
     for segment, records in by_segment.items():
         splits = assign_splits(
-            [record.episode for record in records],
+            [name for name, _ in records],
             seed=params.split_seed,
             validation_share=params.validation_share,
             test_share=params.test_share,
         )
-        episodes += [_episode(record, segment, split) for record, split in zip(records, splits, strict=True)]
+        episodes += [
+            _episode(record, name, segment, split) for (name, record), split in zip(records, splits, strict=True)
+        ]
     return episodes
 
 
-def _episode(record: EpisodeRecord, segment: str, split: Split) -> Episode:
+def _episode(record: EpisodeRecord, name: str, segment: str, split: Split) -> Episode:
     return Episode(
         episode=record.episode,
+        name=name,
         segment=segment,
         split=split,
         seed=record.seed,
@@ -239,7 +250,7 @@ def _jobs(
     dimensions = summaries[0].spec.observation
     low = np.array([dimension.low for dimension in dimensions])
     high = np.array([dimension.high for dimension in dimensions])
-    fences = outlier_fences(summaries[0].spec, reduce(Sample.merge, [summary.sample for summary in summaries]))
+    fences = outlier_fences(summaries[0].spec, Sample.join([summary.sample for summary in summaries]))
     return [
         _Job(
             log=summary.log,
@@ -285,7 +296,7 @@ def _figures_of(job: _Job, table: TransitionTable) -> _Figures:
         train=Moments.of(column_values(table.only("train"))),
         occupancy=states.merge(Occupancy.of(transitions.next_observation, job.low, job.high)),
         fingerprints=row_fingerprints(transitions.observation, transitions.action),
-        quality=Quality.of(transitions, log=job.log.name, fences=job.fences, history=HISTORY),
+        quality=Quality.of(transitions, log=job.log.name, fences=job.fences),
     )
 
 
