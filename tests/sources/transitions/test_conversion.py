@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from builders import CAR, RUN, append_rows, car_transitions
+from builders import CAR, RUN, append_rows, assert_same, car_transitions
 from builders import write_log as write_transitions
 
 from addressed_dynamics.base.errors import LogError, TableError
 from addressed_dynamics.base.params.experiments import ConvertParams
-from addressed_dynamics.episodes import load_transitions, read_table
+from addressed_dynamics.episodes import SPLITS, load_transitions, read_table
 from addressed_dynamics.episodes.index import read_episodes
 from addressed_dynamics.episodes.splits import episode_places
 from addressed_dynamics.episodes.statistics import column_names, column_values
@@ -66,12 +66,24 @@ def test_tables_hold_the_transitions_of_the_logs_file_by_file(tmp_path: Path) ->
     np.testing.assert_array_equal(found.observation, whole.observation)
     np.testing.assert_array_equal(found.action, whole.action)
     np.testing.assert_array_equal(found.episode, whole.episode)
-    assert sorted(path.name for path in (tables / "transitions").iterdir()) == [
-        "learner-env00-000.parquet",
-        "learner-env01-000.parquet",
-        "random-env00-000.parquet",
-    ]
-    assert read_table(tables / "transitions" / "random-env00-000.parquet").segment == "random"
+    for split in SPLITS:
+        for path in (tables / "transitions" / split).iterdir():
+            table = read_table(path)
+            assert path.name.startswith(table.segment)
+            assert set(table.split.tolist()) == {SPLITS.index(split)}
+    assert sorted(path.name for path in (tables / "transitions").iterdir()) == sorted(SPLITS)
+
+
+def test_a_split_is_read_from_its_own_files_alone_in_the_order_of_the_logs(tmp_path: Path) -> None:
+    whole = write_recording(tmp_path / "raw")
+    tables = convert(tmp_path) / "tables"
+    train = {each.episode for each in read_episodes(tables / "episodes.parquet") if each.split == "train"}
+    for split in ("validation", "test"):
+        for path in (tables / "transitions" / split).iterdir():
+            path.write_bytes(b"nobody who trains reads this")
+    assert_same(load_transitions(tables, "train"), whole.select(np.isin(whole.episode, list(train))))
+    with pytest.raises(TableError, match="expected a whole Parquet file"):
+        load_transitions(tables)
 
 
 def test_the_same_logs_give_the_same_bytes(tmp_path: Path) -> None:
@@ -94,7 +106,6 @@ def test_a_log_that_is_read_in_blocks_gives_the_same_rows_and_figures(
     at_once = convert(tmp_path, "whole")
     monkeypatch.setattr(conversion, "BLOCK_ROWS", 10)
     in_blocks = convert(tmp_path, "blocks")
-    assert read_table(in_blocks / "tables" / "transitions" / "random-env00-000.parquet").segment == "random"
     np.testing.assert_array_equal(load_transitions(in_blocks / "tables").observation, whole.observation)
     assert (in_blocks / "reports" / "data.json").read_text() == (at_once / "reports" / "data.json").read_text()
     found, expected = (json.loads((each / "tables" / "statistics.json").read_text()) for each in (in_blocks, at_once))

@@ -19,11 +19,12 @@ from addressed_dynamics.base.errors import LogError, TableError
 from addressed_dynamics.base.files import atomic_path, write_json
 from addressed_dynamics.base.params.experiments import ConvertParams
 from addressed_dynamics.base.processes import OrderedMap, worker_processes
-from addressed_dynamics.episodes import SPLITS, Split, TransitionTable, assign_splits, file_names, table_writer
+from addressed_dynamics.episodes import SPLITS, Split, TransitionTable, assign_splits, file_names, split_writer
 from addressed_dynamics.episodes.coverage import Occupancy, count_duplicates, first_duplicate, row_fingerprints
 from addressed_dynamics.episodes.findings import Finding, find, findings_to_json, refuse_useless
 from addressed_dynamics.episodes.imports import ImportRecord, read_import_record
 from addressed_dynamics.episodes.index import Episode, write_episodes
+from addressed_dynamics.episodes.parquet import FOLDER
 from addressed_dynamics.episodes.quality import Fences, Place, Quality, Tally, outlier_fences, outlier_sample
 from addressed_dynamics.episodes.statistics import Moments, Sample, column_names, column_values, moments_to_json
 from addressed_dynamics.episodes.summary import data_report, split_sizes, write_learner_curve
@@ -72,6 +73,7 @@ class _Job:
     log: Path
     spec: SpaceSpec
     target: Path
+    """Folder for the files of all splits, which are called like the log."""
     splits: dict[int, Split]
     """The split of each episode in the log."""
     segment: str
@@ -116,8 +118,8 @@ def convert_recording(
 
     Args:
         recording: folder of logs.
-        tables: folder for `transitions/*.parquet`, `episodes.parquet` and `statistics.json`; replaced whole, at the
-            end.
+        tables: folder for `transitions/<split>/<log>.parquet`, `episodes.parquet` and `statistics.json`; replaced
+            whole, at the end.
         reports: folder for `data.json` and `learner.csv`.
         params: shares of the splits, and the size of row groups.
         cores: the most logs to work on at once.
@@ -255,7 +257,7 @@ def _jobs(
         _Job(
             log=summary.log,
             spec=summary.spec,
-            target=folder / "transitions" / f"{summary.log.stem}.parquet",
+            target=folder / FOLDER,
             splits={record.episode: splits[record.episode] for record in summary.episodes},
             segment=summary.segment,
             low=np.where(np.isfinite(low), low, ranges.minimum),
@@ -269,7 +271,7 @@ def _jobs(
 
 def _convert(job: _Job) -> _Figures:
     spec, figures = job.spec, list[_Figures]()
-    with table_writer(job.target, spec, row_group_rows=job.row_group_rows) as write:
+    with split_writer(job.target, f"{job.log.stem}.parquet", spec, row_group_rows=job.row_group_rows) as write:
         for block in read_episodes(job.log, at_least=BLOCK_ROWS):
             table = _table(job, block.transitions)
             write(table)
