@@ -1,12 +1,14 @@
 """Work in several processes: results in order, errors as themselves, no traces."""
 
 import os
+import re
 import signal
+from typing import Any
 
 import pytest
 
 from addressed_dynamics.base.errors import AddressedDynamicsError, LogError
-from addressed_dynamics.base.processes import worker_processes
+from addressed_dynamics.base.processes import death, worker_processes
 
 
 def square(number: int) -> int:
@@ -25,6 +27,41 @@ def refuse(number: int) -> int:
 def die(_: int) -> int:
     os.kill(os.getpid(), signal.SIGKILL)
     return 0
+
+
+class TwoPartError(Exception):
+    """An exception that cannot be unpickled, because it is made of other arguments than it keeps."""
+
+    def __init__(self, part: str, whole: str) -> None:
+        super().__init__(f"{part} of {whole}")
+
+
+def raise_two_parts(number: int) -> int:
+    raise TwoPartError(str(number), "nine")
+
+
+def divide(number: int) -> float:
+    return 1 / number
+
+
+def refuse_to_unpickle() -> None:
+    message = "this result was never meant to travel"
+    raise ValueError(message)
+
+
+class Unpicklable:
+    """A result that another process cannot read."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return refuse_to_unpickle, ()
+
+
+def make_unpicklable(_: int) -> Unpicklable:
+    return Unpicklable()
+
+
+def leave(_: int) -> int:
+    os._exit(3)
 
 
 def is_interrupted(_: int) -> bool:
@@ -51,6 +88,33 @@ def test_workers_keep_the_order_raise_their_errors_here_and_do_not_hear_ctrl_c()
 
 
 @pytest.mark.slow
-def test_a_worker_that_is_killed_is_one_clear_error() -> None:
-    with pytest.raises(AddressedDynamicsError, match="worker processes died"), worker_processes(2) as ordered_map:
+def test_a_bug_in_a_worker_is_that_exception_with_its_place_and_not_lack_of_memory() -> None:
+    with worker_processes(2) as ordered_map, pytest.raises(ZeroDivisionError, match="division by zero") as caught:
+        list(ordered_map(divide, [1, 0]))
+    assert "test_processes.py" in str(caught.value.__cause__)
+    assert "in divide" in str(caught.value.__cause__)
+    with worker_processes(2) as ordered_map, pytest.raises(RuntimeError) as found:
+        list(ordered_map(raise_two_parts, [7]))
+    assert re.fullmatch(
+        r"TwoPartError: 7 of nine \(.*test_processes\.py, line \d+, in raise_two_parts\)", str(found.value)
+    )
+    with worker_processes(2) as ordered_map, pytest.raises(ValueError, match="never meant to travel"):
+        list(ordered_map(make_unpicklable, [0]))
+
+
+@pytest.mark.slow
+def test_only_a_worker_that_was_killed_suggests_lack_of_memory() -> None:
+    killed = r"one of 2 worker processes was killed \(SIGKILL\), perhaps for lack of memory; run the stage again"
+    with pytest.raises(AddressedDynamicsError, match=killed), worker_processes(2) as ordered_map:
         list(ordered_map(die, [0, 1]))
+    left = "one of 2 worker processes ended by itself with exit status 3, which is a bug"
+    with pytest.raises(AddressedDynamicsError, match=left), worker_processes(2) as ordered_map:
+        list(ordered_map(leave, [0, 1]))
+
+
+@pytest.mark.parametrize(
+    ("code", "words"), [(-15, r"was killed \(SIGTERM\)"), (-200, r"killed \(signal 200\)"), (None, "died; run")]
+)
+def test_the_end_of_a_worker_is_told_by_its_exit_code(code: int | None, words: str) -> None:
+    assert re.search(words, death(code))
+    assert "memory" not in death(code)

@@ -92,6 +92,7 @@ def test_fingerprints_of_a_hundred_thousand_different_rows_differ() -> None:
 
 def episode(number: int, **values: Any) -> Episode:
     defaults = {
+        "name": f"learner-env00-000#{number}",
         "segment": "learner",
         "split": "train",
         "seed": None,
@@ -140,7 +141,7 @@ def test_a_damaged_or_foreign_table_of_episodes_is_refused(tmp_path: Path) -> No
     with pytest.raises(TableError, match="cannot be read"):
         read_episodes(path)
     pq.write_table(table.drop_columns(["seed"]), path)
-    with pytest.raises(TableError, match="expected the columns episode, segment"):
+    with pytest.raises(TableError, match="expected the columns episode, name, segment"):
         read_episodes(path)
 
 

@@ -59,14 +59,14 @@ def with_state(whole: Transitions, row: int, dimension: int, value: float) -> Tr
     return replace(whole, observation=before, next_observation=after)
 
 
-def judged(whole: Transitions, *, history: int = 1) -> Quality:
-    return Quality.of(whole, log="a.mcap", fences=outlier_fences(whole.spec, outlier_sample(whole)), history=history)
+def judged(whole: Transitions) -> Quality:
+    return Quality.of(whole, log="a.mcap", fences=outlier_fences(whole.spec, outlier_sample(whole)))
 
 
-def findings(whole: Transitions, *, history: int = 1, **changes: Any) -> list[Finding]:
+def findings(whole: Transitions, **changes: Any) -> list[Finding]:
     cells = np.ones((len(whole.spec.observation), CELLS), dtype=bool)
     defaults = {"duplicates": Tally(0, len(whole), None), "occupancy": Occupancy(cells, None), "imported": {}}
-    return find(judged(whole, history=history), whole.spec, **(defaults | changes))
+    return find(judged(whole), whole.spec, **(defaults | changes))
 
 
 def test_sound_data_has_no_findings() -> None:
@@ -156,13 +156,6 @@ def test_an_action_that_is_never_varied_is_found() -> None:
     assert (found.kind, found.dimension, found.blocking) == ("stuck", "action", False)
 
 
-@pytest.mark.parametrize(("history", "count", "blocking"), [(1, 0, False), (4, 1, False), (31, 2, True)])
-def test_episodes_that_are_shorter_than_the_history_are_found(history: int, count: int, blocking: bool) -> None:
-    found = findings(smooth([3, 30]), history=history)
-    assert sum(each.count for each in found) == count
-    assert all((each.kind, each.blocking) == ("short_episode", blocking) for each in found)
-
-
 def test_what_other_stages_counted_is_among_the_findings() -> None:
     cells = np.zeros((2, CELLS), dtype=bool)
     cells[0], cells[1, 3] = True, True
@@ -186,8 +179,8 @@ def test_logs_judged_one_by_one_merge_into_the_judgement_of_all(lengths: list[in
     fences = outlier_fences(whole.spec, outlier_sample(whole))
     cut = sum(lengths[: data.draw(st.integers(1, len(lengths) - 1))])
     parts = [whole.select(slice(0, cut)), whole.select(slice(cut, None))]
-    first, second = (Quality.of(part, log="a.mcap", fences=fences, history=3) for part in parts)
-    expected = Quality.of(whole, log="a.mcap", fences=fences, history=3)
+    first, second = (Quality.of(part, log="a.mcap", fences=fences) for part in parts)
+    expected = Quality.of(whole, log="a.mcap", fences=fences)
     merged = first.merge(second)
     assert merged.ranges == expected.ranges
     for key, tally in expected.tallies.items():
@@ -199,15 +192,24 @@ def test_logs_judged_one_by_one_merge_into_the_judgement_of_all(lengths: list[in
 def test_quantiles_of_few_rows_are_those_of_a_sorted_list(rows: int, seed: int, share: float) -> None:
     values = np.random.default_rng(seed).normal(size=(rows, 2))
     parts = [Sample.of(values[: rows // 3]), Sample.of(values[rows // 3 :])]
-    (found,) = parts[0].merge(parts[1]).quantiles(share)
+    (found,) = Sample.join(parts).quantiles(share)
     np.testing.assert_array_equal(found, np.quantile(values, share, axis=0, method="inverted_cdf"))
+
+
+def test_samples_are_joined_at_once_and_in_their_order() -> None:
+    values = np.random.default_rng(0).normal(size=(5, 7, 2))
+    joined = Sample.join([Sample.of(part) for part in values])
+    np.testing.assert_array_equal(joined.values, values.reshape(35, 2))
+    np.testing.assert_array_equal(joined.weights, np.ones(35))
 
 
 def test_quantiles_of_many_rows_weigh_each_part_by_its_rows() -> None:
     values = np.random.default_rng(0).uniform(size=(20 * SAMPLE_ROWS, 1))
     large, small = Sample.of(values), Sample.of(values[: SAMPLE_ROWS // 2] + 10)
     assert len(large.values) == SAMPLE_ROWS
-    np.testing.assert_allclose(large.merge(small).quantiles(0.25, 0.5, 0.75)[:, 0], [0.25, 0.5, 0.75], atol=0.05)
+    np.testing.assert_allclose(
+        Sample.join([large, small]).quantiles(0.25, 0.5, 0.75)[:, 0], [0.25, 0.5, 0.75], atol=0.05
+    )
 
 
 def test_useless_data_is_refused_in_one_line_and_other_data_is_not() -> None:

@@ -35,6 +35,16 @@ def failing_job() -> Iterator[Epoch]:
     raise TrainingError(message)
 
 
+def buggy_job() -> Iterator[Epoch]:
+    yield Epoch(1, False, 1, {}, NOTHING)
+    {}["loss"]
+
+
+def leaving_job() -> Iterator[Epoch]:
+    yield Epoch(1, False, 1, {}, NOTHING)
+    os._exit(3)
+
+
 def killed_job() -> Iterator[Epoch]:
     yield Epoch(1, False, 1, {}, NOTHING)
     os.kill(os.getpid(), signal.SIGKILL)
@@ -69,9 +79,21 @@ def test_the_error_of_a_job_comes_through_and_ends_the_others() -> None:
 @pytest.mark.slow
 def test_a_worker_that_is_killed_is_one_clear_error_and_ends_the_others() -> None:
     jobs = {"endless": partial(endless_job, 0), "killed": killed_job}
-    with pytest.raises(TrainingError, match="the process that trained 'killed' died"):
+    with pytest.raises(TrainingError, match=r"that trained 'killed' was killed \(SIGKILL\), perhaps for lack of"):
         for _ in run_jobs(jobs, processes=2):
             pass
+    assert multiprocessing.active_children() == []
+
+
+@pytest.mark.slow
+def test_a_bug_in_a_job_is_that_exception_with_its_place_and_not_lack_of_memory() -> None:
+    with pytest.raises(KeyError, match="loss") as caught:
+        list(run_jobs({"endless": partial(endless_job, 0), "buggy": buggy_job}, processes=2))
+    assert "in buggy_job" in str(caught.value.__cause__)
+    with pytest.raises(
+        TrainingError, match="that trained 'leaving' ended by itself with exit status 3, which is a bug"
+    ):
+        list(run_jobs({"endless": partial(endless_job, 0), "leaving": leaving_job}, processes=2))
     assert multiprocessing.active_children() == []
 
 

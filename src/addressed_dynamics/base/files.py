@@ -16,17 +16,21 @@ import numpy as np
 def atomic_path(target: Path) -> Iterator[Path]:
     """Yield a temporary path beside `target`; rename it to `target` if the block ends well, remove it otherwise.
 
-    The temporary path may become a file or a folder, whichever the block makes of it.
+    The temporary path may become a file or a folder, whichever the block makes of it. A folder that is replaced is set
+    aside first and removed last. So at any moment there is a whole one, under the name of `target` or set aside; if
+    this was interrupted in between, the next call for the same target puts back what it finds set aside.
     """
     target.parent.mkdir(parents=True, exist_ok=True)
     temporary = target.with_name(f".{target.name}.{os.getpid()}.partial")
+    _restore(target)
     _remove(temporary)
     try:
         yield temporary
         if target.is_dir():
-            shutil.rmtree(target)
+            target.rename(_set_aside(target))
         temporary.replace(target)
     finally:
+        _restore(target)
         _remove(temporary)
 
 
@@ -56,8 +60,30 @@ def save_arrays(target: Path, arrays: dict[str, np.ndarray]) -> None:
                 np.lib.format.write_array(file, np.ascontiguousarray(array), allow_pickle=False)
 
 
+def _set_aside(target: Path) -> Path:
+    return target.with_name(f".{target.name}.replaced.partial")
+
+
+def _restore(target: Path) -> None:
+    """Put back what was set aside for `target` if nothing has come in its place, and remove it otherwise."""
+    aside, discarded = _set_aside(target), target.with_name(f".{target.name}.discarded.partial")
+    _remove(discarded)
+    if not _is_there(aside):
+        return
+    if _is_there(target):
+        # Under a name of its own while it is removed: what is found set aside is always whole.
+        aside.rename(discarded)
+        _remove(discarded)
+    else:
+        aside.rename(target)
+
+
+def _is_there(path: Path) -> bool:
+    return path.is_symlink() or path.exists()
+
+
 def _remove(path: Path) -> None:
-    if path.is_dir():
+    if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path)
     else:
         path.unlink(missing_ok=True)

@@ -27,7 +27,6 @@ MEANINGS = {
     "outlier": "values far from all others",
     "duplicate": "transitions that repeat an earlier state and action",
     "coverage": "parts of its range without data",
-    "short_episode": "episodes too short to predict from",
     "non_finite": "readings that are not finite, dropped by the import",
 }
 """What each kind of finding counts, in the order of a report."""
@@ -99,7 +98,7 @@ def find(
             tallies["coverage", key] = Tally(int(np.sum(~cells)), len(cells), None)
     states = {f"observation.{name}" for name in spec.observation_names}
     findings = [
-        Finding(kind, name, tally.count, tally.of, tally.first, _blocks(kind, tally, states <= constant))
+        Finding(kind, name, tally.count, tally.of, tally.first, _blocks(kind, states <= constant))
         for (kind, name), tally in tallies.items()
         if tally.count
     ]
@@ -126,16 +125,8 @@ def refuse_useless(recording: Path, findings: Sequence[Finding]) -> None:
         raise TableError(message)
 
 
-def _blocks(kind: str, tally: Tally, nothing_moves: bool) -> bool:
-    match kind:
-        case "time_backwards":
-            return True
-        case "stuck":
-            return nothing_moves
-        case "short_episode":
-            return tally.count == tally.of
-        case _:
-            return False
+def _blocks(kind: str, nothing_moves: bool) -> bool:
+    return kind == "time_backwards" or (kind == "stuck" and nothing_moves)
 
 
 def _non_finite(imported: Mapping[str, Mapping[str, int]]) -> list[Finding]:

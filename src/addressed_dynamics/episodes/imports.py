@@ -19,6 +19,15 @@ class ImportRecord(BaseModel):
     totals: dict[str, int]
     """The same over all files."""
 
+    @property
+    def origins(self) -> dict[str, str]:
+        """The file that was imported, by the name of the log it became; a log without a record is not in it."""
+        details = (self.model_extra or {}).get("details")
+        pairs = details.items() if isinstance(details, dict) else ()
+        return {
+            each["log"]: origin for origin, each in pairs if isinstance(each, dict) and isinstance(each.get("log"), str)
+        }
+
 
 def read_import_record(path: Path) -> ImportRecord | None:
     """Read the record at `path`; None if there is none, because the logs were recorded and not imported.

@@ -18,6 +18,7 @@ Ended = Literal["terminated", "truncated", "cut"]
 SCHEMA = pa.schema(
     {
         "episode": pa.int64(),
+        "name": pa.string(),
         "segment": pa.string(),
         "split": pa.string(),
         "seed": pa.int64(),
@@ -35,6 +36,8 @@ class Episode:
 
     episode: int
     """Identifier, unique in a recording."""
+    name: str
+    """Stable name, which its split depends on: the name of its file and its number in it, for instance `run-7#0`."""
     segment: str
     """Name of the part of the recording plan that it comes from."""
     split: Split

@@ -1,13 +1,14 @@
 """Transitions <-> Parquet: one column per dimension, readable by name in any tool; the same table gives the same bytes.
 
-Spaces and the format's version travel as JSON in the schema's metadata. Each file holds episodes of one segment.
+Spaces and the format's version travel as JSON in the schema's metadata. Each file holds episodes of one segment. Each
+split has a folder of its own, `train`, `validation` or `test`, so that one is read without the others.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,8 @@ from addressed_dynamics.episodes.transitions import ContinuousAction, Dimension,
 
 FORMAT_VERSION = 1
 """Version of the columns and metadata below; a reader refuses any other."""
+FOLDER = "transitions"
+"""Folder of the files in an experiment's folder of tables."""
 METADATA_KEY = b"addressed_dynamics"
 """Key of our JSON in the schema's metadata."""
 SCALARS = {
@@ -87,6 +90,42 @@ def table_writer(path: Path, spec: SpaceSpec, *, row_group_rows: int) -> Iterato
         yield write
 
 
+@contextmanager
+def split_writer(
+    folder: Path, name: str, spec: SpaceSpec, *, row_group_rows: int
+) -> Iterator[Callable[[TransitionTable], None]]:
+    """Yield a function that adds the rows of a table to the file `name` of their split: `train/name` and so on.
+
+    The files appear in `folder` when the block ends well; a split without rows gets none. The tables are of these
+    spaces and of one segment; of each, the rows of a split begin a row group.
+    """
+    with ExitStack() as stack:
+        writers: dict[int, Callable[[TransitionTable], None]] = {}
+
+        def write(table: TransitionTable) -> None:
+            for code in np.unique(table.split).tolist():
+                if code not in writers:
+                    path = folder / SPLITS[code] / name
+                    writers[code] = stack.enter_context(table_writer(path, spec, row_group_rows=row_group_rows))
+                rows = table.split == code
+                part = TransitionTable(table.transitions.select(rows), table.split[rows], table.segment)
+                writers[code](part)
+
+        yield write
+
+
+def split_files(folder: Path, splits: Sequence[str], split: str | None) -> list[Path]:
+    """Return the Parquet files in `folder` that hold a split, or all: split by split, and in each by name.
+
+    Without folders called like the splits, they are the files in `folder` itself: any of them may hold rows of any
+    split.
+    """
+    if not any((folder / name).is_dir() for name in splits):
+        return sorted(folder.glob("*.parquet"))
+    wanted = splits if split is None else (split,)
+    return [file for name in wanted for file in sorted((folder / name).glob("*.parquet"))]
+
+
 def read_table(path: Path) -> TransitionTable:
     """Read what `write_table` wrote, and check it.
 
@@ -105,22 +144,31 @@ def read_table(path: Path) -> TransitionTable:
     return TransitionTable(transitions=transitions, split=_split(table, path), segment=_segment(table, path))
 
 
-def table_files(folder: Path) -> list[Path]:
-    """Return the files of transitions of an experiment's folder of tables (or of a folder of such files), by name.
+def table_files(folder: Path, split: Split | None = None) -> list[Path]:
+    """Return the files of transitions of an experiment's folder of tables, or of a folder of such files.
+
+    Args:
+        folder: the folder.
+        split: the split that is wanted; None for all.
+
+    Returns:
+        The files of the split, by name; of all, split by split.
 
     Raises:
-        TableError: there are none.
+        TableError: there are no files of any split.
     """
-    inner = folder / "transitions"
-    files = sorted((inner if inner.is_dir() else folder).glob("*.parquet"))
-    if not files:
+    inner = folder / FOLDER if (folder / FOLDER).is_dir() else folder
+    files = split_files(inner, SPLITS, split)
+    if not files and not split_files(inner, SPLITS, None):
         message = f"{folder}: expected Parquet files of transitions, but there are none; run the convert stage first"
         raise TableError(message)
     return files
 
 
 def load_transitions(folder: Path, split: Split | None = None) -> Transitions:
-    """Read all transitions in `folder`, or those of one split.
+    """Read all transitions in `folder`, or those of one split without a look at the others.
+
+    They come file by file, each the table of a log, and of all splits in the order of the episodes' numbers there.
 
     Args:
         folder: an experiment's folder of tables, for instance `data/tables/mountaincar`.
@@ -129,19 +177,27 @@ def load_transitions(folder: Path, split: Split | None = None) -> Transitions:
     Raises:
         TableError: a file is missing or damaged, or no episode is in the split.
     """
-    parts = []
-    for path in table_files(folder):
+    by_log: dict[str, list[Transitions]] = {}
+    for path in table_files(folder, split):
         table = read_table(path)
-        parts.append(table.transitions if split is None else table.only(split))
+        by_log.setdefault(path.name, []).append(table.transitions if split is None else table.only(split))
+    if split is not None and not any(len(part) for parts in by_log.values() for part in parts):
+        message = f"{folder}: no episode is in the split '{split}'; record more episodes or raise convert.{split}_share"
+        raise TableError(message)
     try:
-        transitions = Transitions.concatenate(parts)
+        transitions = Transitions.concatenate([_in_order(by_log[name]) for name in sorted(by_log)])
     except TransitionsError as error:
         message = f"{folder}: {error}"
         raise TableError(message) from error
-    if split is not None and not len(transitions):
-        message = f"{folder}: no episode is in the split '{split}'; record more episodes or raise convert.{split}_share"
-        raise TableError(message)
     return transitions
+
+
+def _in_order(parts: Sequence[Transitions]) -> Transitions:
+    """Put the episodes of a log that several splits hold together again."""
+    if len(parts) == 1:
+        return parts[0]
+    whole = Transitions.concatenate(parts)
+    return whole.select(np.argsort(whole.episode, kind="stable"))
 
 
 def _schema(spec: SpaceSpec) -> pa.Schema:

@@ -68,17 +68,16 @@ class Quality:
     """Lowest and highest value of each dimension of observation and action."""
 
     @staticmethod
-    def of(transitions: Transitions, *, log: str, fences: Fences, history: int) -> Quality:
+    def of(transitions: Transitions, *, log: str, fences: Fences) -> Quality:
         """Judge the transitions of one log, at least one.
 
         Args:
             transitions: all that is in the log.
             log: its name.
             fences: where outliers begin, from `outlier_fences`.
-            history: steps of an episode that a model has to see before it can predict.
         """
         places = _Places(log, transitions)
-        tallies = {**_clock(transitions, places), **_episodes(transitions, places, history)}
+        tallies = {**_clock(transitions, places), **_episodes(transitions, places)}
         ranges = {}
         for column in _columns(transitions):
             name, values = column.name, column.values
@@ -198,13 +197,13 @@ def _clock(transitions: Transitions, places: _Places) -> Tallies:
     return {(kind, ""): places.tally(each, positions, seconds) for kind, each in found.items()}
 
 
-def _episodes(transitions: Transitions, places: _Places, history: int) -> Tallies:
-    """Judge whole episodes: too short to predict from, or with a dimension that does not move."""
+def _episodes(transitions: Transitions, places: _Places) -> Tallies:
+    """Judge whole episodes, by the dimensions that do not move in them."""
     slices = list(transitions.episode_slices())
     starts = np.array([rows.start for rows in slices])
     lengths = np.array([rows.stop - rows.start for rows in slices])
     positions = starts.astype(np.float64)
-    tallies = {("short_episode", ""): places.tally(lengths < history, positions, lengths)}
+    tallies: Tallies = {}
     low = np.minimum.reduceat(np.minimum(transitions.observation, transitions.next_observation), starts)
     high = np.maximum.reduceat(np.maximum(transitions.observation, transitions.next_observation), starts)
     stuck = (low == high) & (lengths >= STUCK_STEPS)[:, None]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -65,7 +66,7 @@ SAMPLE_ROWS = 1024
 
 @dataclass(frozen=True)
 class Sample:
-    """Evenly spaced rows of some columns; samples of parts merge into a sample of the whole."""
+    """Evenly spaced rows of some columns; samples of parts join into a sample of the whole."""
 
     values: Float64[np.ndarray, "row column"]
     """The rows."""
@@ -79,11 +80,12 @@ class Sample:
         rows = np.linspace(0, len(values) - 1, size).astype(np.int64) if size else np.empty(0, np.int64)
         return Sample(values[rows].astype(np.float64), np.full(size, len(values) / max(size, 1)))
 
-    def merge(self, other: Sample) -> Sample:
-        """Put the rows of both together."""
+    @staticmethod
+    def join(parts: Sequence[Sample]) -> Sample:
+        """Put the rows of all parts together, at least one: at once, because two by two copies the first ever again."""
         return Sample(
-            np.concatenate([self.values, other.values]),
-            np.concatenate([self.weights, other.weights]),
+            np.concatenate([part.values for part in parts]),
+            np.concatenate([part.weights for part in parts]),
         )
 
     def quantiles(self, *shares: float) -> Float64[np.ndarray, "share column"]:

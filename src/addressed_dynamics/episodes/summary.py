@@ -43,12 +43,15 @@ def data_report(
         duplicates: number of rows whose observation and action are exactly those of an earlier row.
     """
     transitions = sum(episode.length for episode in episodes)
+    by_segment: dict[str, list[Episode]] = {name: [] for name in behaviours}
+    for episode in episodes:
+        by_segment[episode.segment].append(episode)
     return {
         "transitions": transitions,
         "episodes": _episode_figures(episodes),
         "splits": split_sizes(episodes),
         "segments": {
-            name: {"behaviour": behaviour, **_segment_figures([each for each in episodes if each.segment == name])}
+            name: {"behaviour": behaviour, **_segment_figures(by_segment[name])}
             for name, behaviour in behaviours.items()
         },
         "ranges": {

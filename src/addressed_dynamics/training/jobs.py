@@ -10,7 +10,8 @@ from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 
-from addressed_dynamics.base.errors import AddressedDynamicsError, TrainingError
+from addressed_dynamics.base.errors import TrainingError
+from addressed_dynamics.base.processes import Failure, death
 from addressed_dynamics.base.torch_runtime import prepare_torch
 from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.training.epochs import Epoch
@@ -26,7 +27,8 @@ def run_jobs(jobs: Mapping[str, Job], *, processes: int) -> Iterator[tuple[str, 
     there is more than one process. Leaving the loop ends all jobs.
 
     Raises:
-        AddressedDynamicsError: what a job raised; or its process died, for instance for lack of memory.
+        AddressedDynamicsError: what a job raised; any other exception of a job comes through too, as it is.
+        TrainingError: the process of a job died without an exception; the message says by which signal.
     """
     if processes == 1 or len(jobs) == 1:
         for name, job in jobs.items():
@@ -46,10 +48,11 @@ def run_jobs(jobs: Mapping[str, Job], *, processes: int) -> Iterator[tuple[str, 
                 try:
                     message = pickle.loads(receiver.recv_bytes())
                 except EOFError:
-                    text = f"the process that trained '{name}' died (killed, or out of memory); run the stage again"
+                    process.join()
+                    text = f"the process that trained '{name}' {death(process.exitcode)}"
                     raise TrainingError(text) from None
-                if isinstance(message, BaseException):
-                    raise message
+                if isinstance(message, Failure):
+                    raise message.exception()
                 if message is None:
                     process.join()
                     del running[receiver]
@@ -80,15 +83,15 @@ def _start(job: Job) -> tuple[Connection, SpawnProcess]:
 
 def _work(job: Job, sender: Connection) -> None:
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    prepare_torch(threads=1)
     try:
+        prepare_torch(threads=1)
         for epoch in job():
             _send(sender, epoch if epoch.last else _without_weights(epoch))
         _send(sender, None)
-    except AddressedDynamicsError as error:
-        _send(sender, error)
     except BrokenPipeError:
         return  # the parent is gone; the checkpoint holds the last finished epoch
+    except Exception as error:
+        _send(sender, Failure.of(error))
 
 
 def _end_with_parent() -> None:
@@ -99,7 +102,7 @@ def _end_with_parent() -> None:
     os._exit(1)
 
 
-def _send(sender: Connection, message: Epoch | AddressedDynamicsError | None) -> None:
+def _send(sender: Connection, message: Epoch | Failure | None) -> None:
     # Connection.send would put tensors into shared memory, which is gone when this process ends before they are read.
     sender.send_bytes(pickle.dumps(message))
 

@@ -4,6 +4,9 @@ from builders import car_transitions
 from hypothesis import given
 from hypothesis import strategies as st
 
+from addressed_dynamics.base.errors import TransitionsError
+from addressed_dynamics.base.params.experiments import FeatureParams
+from addressed_dynamics.features.transitions.spec import fit_features
 from addressed_dynamics.features.transitions.windows import window_rows, windows
 
 
@@ -29,3 +32,14 @@ def test_a_window_holds_its_rows_oldest_first() -> None:
 @pytest.mark.parametrize("history", [2, 6])
 def test_an_episode_shorter_than_the_history_has_no_window(history: int) -> None:
     assert len(window_rows(car_transitions([history - 1, history - 1]), history)) == 0
+
+
+def test_episodes_that_are_all_shorter_than_the_history_are_an_error_that_counts_them() -> None:
+    params = FeatureParams(target="change", history=4)
+    message = r"all 2 episodes are too short .*: features\.history asks for 4 steps, but the longest has 3; lower"
+    with pytest.raises(TransitionsError, match=message):
+        fit_features(car_transitions([2, 3]), params)
+    features = fit_features(car_transitions([2, 4]), params)
+    with pytest.raises(TransitionsError, match=r"the only episode is too short .* asks for 4 steps, but it has 1;"):
+        features.samples(car_transitions([1]))
+    assert len(features.samples(car_transitions([3, 4, 5]))) == 1 + 2

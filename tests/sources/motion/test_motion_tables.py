@@ -1,6 +1,7 @@
 """Parquet tables of motion: round trips, equal bytes, columns by name, and clear errors for what is wrong."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,36 +21,63 @@ PARTS = [make_clip("run", (6, 5)), make_clip("walk", (8, 4, 7), seed=1), make_cl
 SPLITS = [np.random.default_rng(n).integers(0, 4, len(part)).astype(np.int8) for n, part in enumerate(PARTS)]
 
 
-def write(folder: Path, **sizes: int) -> Path:
+TRAIN_ALONE = [np.zeros(len(part), dtype=np.int8) for part in PARTS]
+
+
+def write(folder: Path, splits: Sequence[np.ndarray] = SPLITS, **sizes: int) -> Path:
     with motion_writer(folder, **{"row_group_rows": 10} | sizes) as add:
-        for part, split in zip(PARTS, SPLITS, strict=True):
+        for part, split in zip(PARTS, splits, strict=True):
             add(part, split)
     return folder
 
 
 @pytest.fixture(scope="module")
 def table(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the only file of a folder of tables; not to be changed."""
-    return write(tmp_path_factory.mktemp("tables") / "motion") / "part-0000.parquet"
+    """Return the only file of a folder of tables, all for training; not to be changed."""
+    return write(tmp_path_factory.mktemp("tables") / "motion", TRAIN_ALONE) / "train" / "part-0000.parquet"
 
 
 @pytest.mark.parametrize("file_rows", [1, 20, 1000])
 def test_what_is_written_is_read_back_bit_for_bit_from_one_file_or_many(tmp_path: Path, file_rows: int) -> None:
-    folder = write(tmp_path / "tables" / "motion", file_rows=file_rows)
-    assert len(list(folder.iterdir())) == {1: 3, 20: 2, 1000: 1}[file_rows]
+    alone = write(tmp_path / "alone" / "motion", TRAIN_ALONE, file_rows=file_rows)
+    assert len(list((alone / "train").iterdir())) == {1: 3, 20: 2, 1000: 1}[file_rows]
     whole, splits = concatenate(PARTS), np.concatenate(SPLITS)
-    found = load_motion(folder.parent)
+    found = load_motion(alone.parent)
     assert_same_motion(found, whole)
     assert (found.x.dtype, found.frame.dtype) == (np.float32, np.int64)
-    for code in (0, 3):
-        assert_same_motion(load_motion(folder, MOTION_SPLITS[code]), whole.select(splits == code))
-    assert max(map(len, stream_tables(folder))) == 10
+    assert max(map(len, stream_tables(alone))) == 10
+    folder = write(tmp_path / "tables" / "motion", file_rows=file_rows)
+    parts = [whole.select(splits == code) for code in range(4)]
+    for code, part in enumerate(parts):
+        assert_same_motion(load_motion(folder, MOTION_SPLITS[code]), part)
+    assert_same_motion(load_motion(folder.parent), concatenate(parts))
+
+
+def test_a_split_is_read_from_its_own_files_alone(tmp_path: Path) -> None:
+    folder = write(tmp_path / "motion")
+    assert {path.name for path in folder.iterdir()} == set(MOTION_SPLITS[:4])
+    for split in MOTION_SPLITS[1:4]:
+        (folder / split / "part-0000.parquet").write_bytes(b"nobody who trains reads this")
+    assert_same_motion(load_motion(folder, "train"), concatenate(PARTS).select(np.concatenate(SPLITS) == 0))
+    with pytest.raises(TableError, match="expected a whole Parquet file"):
+        load_motion(folder)
+
+
+def test_row_groups_are_not_too_small_however_few_rows_of_a_split_come_at_once(tmp_path: Path) -> None:
+    clip = make_clip("run", (60,))
+    split = (np.arange(60) % 10 == 0).astype(np.int8)
+    with motion_writer(tmp_path / "motion", row_group_rows=10) as add:
+        for start in range(0, 60, 10):
+            add(clip.select(slice(start, start + 10)), split[start : start + 10])
+    for name, sizes in (("train", [9] * 6), ("validation", [2, 2, 2])):
+        metadata = pq.ParquetFile(tmp_path / "motion" / name / "part-0000.parquet").metadata
+        assert [metadata.row_group(index).num_rows for index in range(metadata.num_row_groups)] == sizes
 
 
 def test_the_same_motion_gives_the_same_bytes_and_leaves_no_other_file(tmp_path: Path, table: Path) -> None:
-    again = write(tmp_path / "motion") / "part-0000.parquet"
+    again = write(tmp_path / "motion", TRAIN_ALONE) / "train" / "part-0000.parquet"
     assert again.read_bytes() == table.read_bytes()
-    assert list(tmp_path.rglob("*")) == [tmp_path / "motion", again]
+    assert list(tmp_path.rglob("*")) == [tmp_path / "motion", again.parent, again]
 
 
 def test_nothing_appears_if_writing_fails(tmp_path: Path) -> None:
@@ -82,7 +110,7 @@ def test_some_columns_are_read_without_the_others(table: Path) -> None:
         assert list(found) == names
         np.testing.assert_array_equal(found["output.root_turn"], concatenate(PARTS).y[:, OUTPUT.root_turn][:, 0])
         assert found["clip"].tolist() == concatenate(PARTS).clip.tolist()
-        assert found["split"].tolist() == [MOTION_SPLITS[code] for code in np.concatenate(SPLITS)]
+        assert found["split"].tolist() == ["train"] * len(concatenate(PARTS))
     with pytest.raises(TableError, match=r"has no column 'output\.speed'; for instance, it has 'input\.trajectory"):
         read_columns(table, ["output.speed"])
 

@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from builders import CAR, RUN, append_rows, car_transitions
+from builders import CAR, RUN, append_rows, assert_same, car_transitions
 from builders import write_log as write_transitions
 
 from addressed_dynamics.base.errors import LogError, TableError
 from addressed_dynamics.base.params.experiments import ConvertParams
 from addressed_dynamics.episodes.index import read_episodes
 from addressed_dynamics.episodes.parquet import load_transitions, read_table
-from addressed_dynamics.episodes.splits import episode_places
+from addressed_dynamics.episodes.splits import SPLITS, episode_places
 from addressed_dynamics.episodes.statistics import column_names, column_values
 from addressed_dynamics.episodes.transitions import SpaceSpec, Transitions
 from addressed_dynamics.logs import TransitionLogWriter, read_log
@@ -66,12 +66,24 @@ def test_tables_hold_the_transitions_of_the_logs_file_by_file(tmp_path: Path) ->
     np.testing.assert_array_equal(found.observation, whole.observation)
     np.testing.assert_array_equal(found.action, whole.action)
     np.testing.assert_array_equal(found.episode, whole.episode)
-    assert sorted(path.name for path in (tables / "transitions").iterdir()) == [
-        "learner-env00-000.parquet",
-        "learner-env01-000.parquet",
-        "random-env00-000.parquet",
-    ]
-    assert read_table(tables / "transitions" / "random-env00-000.parquet").segment == "random"
+    for split in SPLITS:
+        for path in (tables / "transitions" / split).iterdir():
+            table = read_table(path)
+            assert path.name.startswith(table.segment)
+            assert set(table.split.tolist()) == {SPLITS.index(split)}
+    assert sorted(path.name for path in (tables / "transitions").iterdir()) == sorted(SPLITS)
+
+
+def test_a_split_is_read_from_its_own_files_alone_in_the_order_of_the_logs(tmp_path: Path) -> None:
+    whole = write_recording(tmp_path / "raw")
+    tables = convert(tmp_path) / "tables"
+    train = {each.episode for each in read_episodes(tables / "episodes.parquet") if each.split == "train"}
+    for split in ("validation", "test"):
+        for path in (tables / "transitions" / split).iterdir():
+            path.write_bytes(b"nobody who trains reads this")
+    assert_same(load_transitions(tables, "train"), whole.select(np.isin(whole.episode, list(train))))
+    with pytest.raises(TableError, match="expected a whole Parquet file"):
+        load_transitions(tables)
 
 
 def test_the_same_logs_give_the_same_bytes(tmp_path: Path) -> None:
@@ -94,7 +106,6 @@ def test_a_log_that_is_read_in_blocks_gives_the_same_rows_and_figures(
     at_once = convert(tmp_path, "whole")
     monkeypatch.setattr(conversion, "BLOCK_ROWS", 10)
     in_blocks = convert(tmp_path, "blocks")
-    assert read_table(in_blocks / "tables" / "transitions" / "random-env00-000.parquet").segment == "random"
     np.testing.assert_array_equal(load_transitions(in_blocks / "tables").observation, whole.observation)
     assert (in_blocks / "reports" / "data.json").read_text() == (at_once / "reports" / "data.json").read_text()
     found, expected = (json.loads((each / "tables" / "statistics.json").read_text()) for each in (in_blocks, at_once))
@@ -113,6 +124,38 @@ def test_every_segment_has_episodes_in_every_split_and_tables_agree_with_the_lis
         expected = {each.episode for each in episodes if each.split == split}
         assert set(load_transitions(tables, split).episode.tolist()) == expected
     assert [each.seed for each in episodes if each.episode in (0, 1, 100)] == [0, None, 100]
+
+
+def import_files(folder: Path, origins: Sequence[str]) -> None:
+    """Write what an import of these files leaves: logs and episodes are numbered in the order of all files."""
+    for index, origin in enumerate(origins):
+        write_part(folder, f"{index:04d}-{Path(origin).stem}", [3, 4], first=1000 * index)
+    logs = {origin: {"log": f"{index:04d}-{Path(origin).stem}.mcap"} for index, origin in enumerate(origins)}
+    record = {"files": {origin: {"read": 9} for origin in origins}, "totals": {"read": 9 * len(origins)}}
+    (folder / "import.json").write_text(json.dumps({**record, "details": logs}))
+
+
+def test_one_more_file_leaves_every_episode_of_the_others_in_its_split(tmp_path: Path) -> None:
+    # The new file comes first, so that the logs and episodes of all others get other numbers.
+    others = [f"logs/drive-{number:02d}.csv" for number in range(25)]
+    found = []
+    for name, origins in (("before", others), ("after", ["logs/a-new-drive.csv", *others])):
+        import_files(tmp_path / name / "raw", origins)
+        episodes = read_episodes(convert(tmp_path / name) / "tables" / "episodes.parquet")
+        found.append({each.name: each.split for each in episodes})
+    before, after = found
+    assert set(before) == {f"drive-{number:02d}#{place}" for number in range(25) for place in (0, 1)}
+    assert set(before.values()) == {"train", "validation", "test"}
+    assert {name: after[name] for name in before} == before
+    assert set(after) - set(before) == {"a-new-drive#0", "a-new-drive#1"}
+
+
+def test_episodes_are_called_by_their_log_and_their_number_in_it(tmp_path: Path) -> None:
+    write_recording(tmp_path / "raw")
+    episodes = read_episodes(convert(tmp_path) / "tables" / "episodes.parquet")
+    names = {each.episode: each.name for each in episodes}
+    assert names[0] == "learner-env00-000#0"
+    assert names[101] == "learner-env01-000#1"
 
 
 def test_statistics_are_those_of_the_training_episodes_alone(tmp_path: Path) -> None:
@@ -242,6 +285,6 @@ def test_no_logs_other_spaces_and_an_episode_in_two_logs_are_refused(tmp_path: P
 
 def test_nothing_to_train_on_is_an_error(tmp_path: Path) -> None:
     write_part(tmp_path / "raw", "a-env00-000", [3], first=0)
-    seed = next(seed for seed in range(50) if episode_places([0], seed)[0] < PARAMS.test_share)
+    seed = next(seed for seed in range(50) if episode_places(["a-env00-000#0"], seed)[0] < PARAMS.test_share)
     with pytest.raises(TableError, match="none of its 1 episodes is left to train on"):
         convert(tmp_path, params=PARAMS.model_copy(update={"split_seed": seed}))

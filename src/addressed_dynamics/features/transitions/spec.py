@@ -19,7 +19,7 @@ from addressed_dynamics.base.params.experiments import AngleParams, FeatureParam
 from addressed_dynamics.episodes.transitions import DiscreteAction, SpaceSpec, Transitions
 from addressed_dynamics.features.common.samples import Samples
 from addressed_dynamics.features.transitions.angles import velocity_from_angles, weighted_angle
-from addressed_dynamics.features.transitions.windows import window_rows, windows
+from addressed_dynamics.features.transitions.windows import check_lengths, window_rows, windows
 
 DEVIATION_FLOOR = 1e-6
 """Least standard deviation an input is divided by, as a share of the range of its dimension (or of 1): a constant
@@ -176,10 +176,12 @@ class FeatureSpec:
 
         Raises:
             ModelError: the transitions are of other spaces.
+            TransitionsError: there are transitions, but no episode is as long as the history.
         """
         if transitions.spec != self.spaces:
             message = "the transitions' spaces are not those the features were made for"
             raise ModelError(message)
+        check_lengths(transitions, self.history)
         observation, action = torch.from_numpy(transitions.observation), torch.from_numpy(transitions.action)
         rows = torch.from_numpy(window_rows(transitions, self.history))
         frames = self._frames(observation, action)
@@ -306,12 +308,13 @@ def fit_features(train: Transitions, params: FeatureParams) -> FeatureSpec:
     The scale of a dimension is its range by the environment's bounds; where these are infinite, the range of the data.
 
     Raises:
-        TransitionsError: there are no transitions; or an angle names a dimension that the observation lacks or that is
-            part of another, or has a name that is taken.
+        TransitionsError: there are no transitions, or no episode is as long as the history; or an angle names a
+            dimension that the observation lacks or that is part of another, or has a name that is taken.
     """
     if not len(train):
         message = "there are no training transitions to take statistics from: record more episodes"
         raise TransitionsError(message)
+    check_lengths(train, params.history)
     angles = tuple(Angle(**angle.model_dump()) for angle in params.angles)
     _check_angles(train.spec, angles)
     predicted = predicted_dimensions(train.spec, angles, params.velocity)

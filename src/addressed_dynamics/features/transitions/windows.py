@@ -5,6 +5,7 @@ import torch
 from jaxtyping import Int64, Shaped
 from torch import Tensor
 
+from addressed_dynamics.base.errors import TransitionsError
 from addressed_dynamics.episodes.transitions import Transitions
 
 
@@ -14,6 +15,23 @@ def window_rows(transitions: Transitions, history: int) -> Int64[np.ndarray, " s
     for rows in transitions.episode_slices():
         place[rows] -= rows.start
     return np.flatnonzero(place >= history - 1).astype(np.int64)
+
+
+def check_lengths(transitions: Transitions, history: int) -> None:
+    """Check that at least one of the episodes, if there are any, is long enough for a window.
+
+    Raises:
+        TransitionsError: none is; the message names how many they are and the longest.
+    """
+    lengths = [rows.stop - rows.start for rows in transitions.episode_slices()]
+    if lengths and max(lengths) < history:
+        short = f"all {len(lengths)} episodes are" if len(lengths) > 1 else "the only episode is"
+        longest = f"the longest has {max(lengths)}" if len(lengths) > 1 else f"it has {max(lengths)}"
+        message = (
+            f"{short} too short to predict from: features.history asks for {history} steps, but {longest}; "
+            "lower features.history or record longer episodes"
+        )
+        raise TransitionsError(message)
 
 
 def windows(

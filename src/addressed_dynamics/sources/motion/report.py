@@ -53,8 +53,8 @@ class Figures:
         """Number of rows of each clip in each split."""
         self.gaits = Moments.of(np.empty((0, len(GAITS))))
         """Share of each gait at the frame itself."""
-        self.speeds: dict[str, Sample] = {}
-        """Speed of the root in cm/s, by the gait that has the greatest share."""
+        self.speeds: dict[str, list[Sample]] = {}
+        """Speed of the root in cm/s in each block, by the gait that has the greatest share."""
         self.jumps: dict[str, float] = {}
         """Greatest difference between an output and the same quantity in the input of the next frame."""
 
@@ -81,8 +81,7 @@ class Figures:
         named |= {gait: gaits.argmax(axis=1) == index for index, gait in enumerate(GAITS)}
         for name, rows in named.items():
             if rows.any():
-                sample = Sample.of(speed[rows, None])
-                self.speeds[name] = self.speeds[name].merge(sample) if name in self.speeds else sample
+                self.speeds.setdefault(name, []).append(Sample.of(speed[rows, None]))
 
     def _add_jumps(self, motion: Motion) -> None:
         """Compare the outputs of each row with the inputs of the next one of the same cycle."""
@@ -164,6 +163,6 @@ def _seconds(cycles: Sequence[CycleRows]) -> float:
     return sum(cycle.rows - 1 for cycle in cycles) / FRAME_RATE
 
 
-def _speeds(sample: Sample) -> dict[str, float]:
-    values = sample.quantiles(*SPEEDS)[:, 0]
+def _speeds(parts: Sequence[Sample]) -> dict[str, float]:
+    values = Sample.join(parts).quantiles(*SPEEDS)[:, 0]
     return {f"q{round(share * 100):02d}": float(value) for share, value in zip(SPEEDS, values, strict=True)}

@@ -1,5 +1,7 @@
 """Motion <-> Parquet: one column for each input and output, readable by name in any tool; equal bytes for equal motion.
 
+Each split has a folder of its own, so that one is read without the others.
+
 The layout with its units and the format's version travel as JSON in the schema's metadata.
 """
 
@@ -20,7 +22,7 @@ from addressed_dynamics.base.errors import MotionError, TableError
 from addressed_dynamics.base.files import atomic_path
 from addressed_dynamics.episodes.layout import FRAME_RATE, INPUT, OUTPUT, Layout
 from addressed_dynamics.episodes.motion import Motion
-from addressed_dynamics.episodes.parquet import METADATA_KEY
+from addressed_dynamics.episodes.parquet import METADATA_KEY, split_files
 from addressed_dynamics.sources.motion.source import join_motion
 from addressed_dynamics.sources.motion.splits import MOTION_SPLITS, MotionSplit
 
@@ -44,45 +46,95 @@ Write = Callable[[Motion, Int8[np.ndarray, " row"]], None]
 def motion_writer(folder: Path, *, row_group_rows: int, file_rows: int = FILE_ROWS) -> Iterator[Write]:
     """Yield a function that adds rows to the files in `folder`, which appears when the block ends well.
 
+    Each split has a folder of its own. A row group is written once there are enough rows for it, so that the rows in
+    memory, beside those of one call, are never more than one row group has.
+
     Args:
-        folder: folder of `part-0000.parquet` and so on; replaced whole.
-        row_group_rows: most rows in a row group; each call begins one.
+        folder: folder of `train/part-0000.parquet` and so on; replaced whole.
+        row_group_rows: most rows in a row group.
         file_rows: a file with so many rows gets no more.
     """
     with atomic_path(folder) as temporary, ExitStack() as stack:
         temporary.mkdir()
-        writer: pq.ParquetWriter | None = None
-        files, rows = 0, 0
+        splits: dict[int, _SplitFiles] = {}
 
         def write(motion: Motion, split: Int8[np.ndarray, " row"]) -> None:
-            nonlocal writer, files, rows
-            if writer is None or rows >= file_rows:
-                stack.close()
-                writer = stack.enter_context(_open_writer(temporary / f"part-{files:04d}.parquet"))
-                files, rows = files + 1, 0
-            writer.write_table(_table(motion, split), row_group_size=row_group_rows)
-            rows += len(motion)
+            for code in np.unique(split).tolist():
+                if code not in splits:
+                    splits[code] = _SplitFiles(temporary, code, row_group_rows, file_rows)
+                    stack.callback(splits[code].close)
+                splits[code].add(motion.select(np.flatnonzero(split == code)))
 
         yield write
-        stack.close()
+        for files in splits.values():
+            files.flush()
 
 
-def motion_files(folder: Path) -> list[Path]:
-    """Return the files of motion of an experiment's folder of tables (or of a folder of such files), by name.
+class _SplitFiles:
+    """The files of one split, one after the other."""
+
+    def __init__(self, folder: Path, split: int, row_group_rows: int, file_rows: int) -> None:
+        self._folder = folder / MOTION_SPLITS[split]
+        self._split = split
+        self._row_group_rows, self._file_rows = row_group_rows, file_rows
+        self._writer: pq.ParquetWriter | None = None
+        self._files, self._rows = 0, 0
+        self._waiting, self._waiting_rows = list[Motion](), 0
+        self._folder.mkdir()
+
+    def add(self, motion: Motion) -> None:
+        """Add rows; few of them wait for others: a row group has a header for each of a thousand columns."""
+        self._waiting.append(motion)
+        self._waiting_rows += len(motion)
+        if self._waiting_rows * len(MOTION_SPLITS) >= self._row_group_rows:
+            self.flush()
+
+    def flush(self) -> None:
+        """Write the rows that wait."""
+        if not self._waiting:
+            return
+        motion = join_motion(self._waiting, self._waiting_rows)
+        self._waiting, self._waiting_rows = [], 0
+        if self._writer is None or self._rows >= self._file_rows:
+            self.close()
+            self._writer = _open_writer(self._folder / f"part-{self._files:04d}.parquet")
+            self._files, self._rows = self._files + 1, 0
+        split = np.full(len(motion), self._split, dtype=np.int8)
+        self._writer.write_table(_table(motion, split), row_group_size=self._row_group_rows)
+        self._rows += len(motion)
+
+    def close(self) -> None:
+        """Finish the file that is open."""
+        if self._writer is not None:
+            self._writer.close()
+            self._writer = None
+
+
+def motion_files(folder: Path, split: MotionSplit | None = None) -> list[Path]:
+    """Return the files of motion of an experiment's folder of tables, or of a folder of such files.
+
+    Args:
+        folder: the folder.
+        split: the split that is wanted; None for all.
+
+    Returns:
+        The files of the split, by name; of all, split by split.
 
     Raises:
-        TableError: there are none.
+        TableError: there are no files of any split.
     """
-    inner = folder / FOLDER
-    files = sorted((inner if inner.is_dir() else folder).glob("*.parquet"))
-    if not files:
+    inner = folder / FOLDER if (folder / FOLDER).is_dir() else folder
+    files = split_files(inner, MOTION_SPLITS, split)
+    if not files and not split_files(inner, MOTION_SPLITS, None):
         message = f"{folder}: expected Parquet files of motion, but there are none; run the stage import_motion first"
         raise TableError(message)
     return files
 
 
 def load_motion(folder: Path, split: MotionSplit | None = None) -> Motion:
-    """Read all motion in `folder`, or that of one split; never more in memory than that and a row group.
+    """Read all motion in `folder`, split by split, or that of one split without a look at the others.
+
+    Never more is in memory than that and a row group.
 
     Args:
         folder: an experiment's folder of tables, for instance `data/tables/walking`.
@@ -91,7 +143,7 @@ def load_motion(folder: Path, split: MotionSplit | None = None) -> Motion:
     Raises:
         TableError: a file is missing or damaged, or no row is in the split.
     """
-    labels = read_columns(folder, ["split"])["split"]
+    labels = _read_columns(motion_files(folder, split), ["split"])["split"]
     rows = len(labels) if split is None else int((labels == split).sum())
     if split is not None and not rows:
         message = f"{folder}: no row is in the split '{split}'; convert more clips or raise its share"
@@ -100,15 +152,17 @@ def load_motion(folder: Path, split: MotionSplit | None = None) -> Motion:
 
 
 def stream_tables(folder: Path, split: MotionSplit | None = None) -> Iterator[Motion]:
-    """Yield the motion in `folder`, or that of one split, a row group at a time.
+    """Yield the motion in `folder`, split by split, or that of one split, a row group at a time.
 
     Raises:
         TableError: a file is missing or damaged.
     """
-    for path in motion_files(folder):
+    for path in motion_files(folder, split):
         for table in _row_groups(path, None):
             rows = np.arange(table.num_rows) if split is None else np.flatnonzero(_texts(table, "split") == split)
-            if len(rows):
+            if len(rows) == table.num_rows:
+                yield _motion(table, path)
+            elif len(rows):
                 yield _motion(table, path).select(rows)
 
 
@@ -118,8 +172,12 @@ def read_columns(path: Path, names: Sequence[str]) -> dict[str, np.ndarray[Any, 
     Raises:
         TableError: a file is missing or damaged, or has no such column.
     """
+    return _read_columns(motion_files(path) if path.is_dir() else [path], names)
+
+
+def _read_columns(files: Sequence[Path], names: Sequence[str]) -> dict[str, np.ndarray[Any, Any]]:
     parts: dict[str, list[np.ndarray[Any, Any]]] = {name: [] for name in names}
-    for file in motion_files(path) if path.is_dir() else [path]:
+    for file in files:
         for table in _row_groups(file, names):
             for name in names:
                 is_text = pa.types.is_dictionary(TYPES[name])

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any
 
 import numpy as np
@@ -23,9 +23,9 @@ from addressed_dynamics.episodes.coverage import Occupancy, count_duplicates, fi
 from addressed_dynamics.episodes.findings import Finding, find, findings_to_json, refuse_useless
 from addressed_dynamics.episodes.imports import ImportRecord, read_import_record
 from addressed_dynamics.episodes.index import Episode, write_episodes
-from addressed_dynamics.episodes.parquet import TransitionTable, table_writer
+from addressed_dynamics.episodes.parquet import FOLDER, TransitionTable, split_writer
 from addressed_dynamics.episodes.quality import Fences, Place, Quality, Tally, outlier_fences, outlier_sample
-from addressed_dynamics.episodes.splits import SPLITS, Split, assign_splits
+from addressed_dynamics.episodes.splits import SPLITS, Split, assign_splits, file_names
 from addressed_dynamics.episodes.statistics import Moments, Sample, column_names, column_values, moments_to_json
 from addressed_dynamics.episodes.summary import data_report, split_sizes, write_learner_curve
 from addressed_dynamics.episodes.transitions import SpaceSpec, Transitions
@@ -35,8 +35,6 @@ LEARNER = "dqn"
 """The behaviour whose episodes make the learning curve."""
 IMPORT_RECORD = "import.json"
 """What the import of foreign logs counted, beside the logs that it wrote."""
-HISTORY = 1
-"""Steps of an episode that a model has to see before it can predict."""
 BLOCK_ROWS = 2**18
 """Transitions of a log that are in memory at once, up to the end of an episode."""
 WORKER_BYTES = 8 * 2**20
@@ -57,13 +55,14 @@ class _LogSummary:
     sample: Sample
     """Some of the observations and actions, to tell outliers by."""
 
-    def merge(self, other: _LogSummary) -> _LogSummary:
-        """Add what a later block of the same log holds."""
+    @staticmethod
+    def join(blocks: Sequence[_LogSummary]) -> _LogSummary:
+        """Add up what the blocks of one log hold, at least one."""
         return replace(
-            self,
-            episodes=self.episodes + other.episodes,
-            ranges=self.ranges.merge(other.ranges),
-            sample=self.sample.merge(other.sample),
+            blocks[0],
+            episodes=tuple(episode for block in blocks for episode in block.episodes),
+            ranges=reduce(Moments.merge, [block.ranges for block in blocks]),
+            sample=Sample.join([block.sample for block in blocks]),
         )
 
 
@@ -74,6 +73,7 @@ class _Job:
     log: Path
     spec: SpaceSpec
     target: Path
+    """Folder for the files of all splits, which are called like the log."""
     splits: dict[int, Split]
     """The split of each episode in the log."""
     segment: str
@@ -118,8 +118,8 @@ def convert_recording(
 
     Args:
         recording: folder of logs.
-        tables: folder for `transitions/*.parquet`, `episodes.parquet` and `statistics.json`; replaced whole, at the
-            end.
+        tables: folder for `transitions/<split>/<log>.parquet`, `episodes.parquet` and `statistics.json`; replaced
+            whole, at the end.
         reports: folder for `data.json` and `learner.csv`.
         params: shares of the splits, and the size of row groups.
         cores: the most logs to work on at once.
@@ -133,7 +133,8 @@ def convert_recording(
     logs = _logs(recording)
     with atomic_path(tables) as folder, worker_processes(_processes(logs, cores)) as ordered_map:
         summaries = _summaries(recording, logs, ordered_map)
-        episodes = _episodes(summaries, params)
+        imported = read_import_record(recording / IMPORT_RECORD)
+        episodes = _episodes(summaries, _log_names(summaries, imported), params)
         ranges = reduce(Moments.merge, [summary.ranges for summary in summaries])
         jobs = _jobs(summaries, episodes, ranges, folder, params.row_group_rows)
         figures = []
@@ -142,7 +143,6 @@ def convert_recording(
             progress(len(found.fingerprints))
         write_episodes(folder / "episodes.parquet", episodes)
         write_json(folder / "statistics.json", _statistics(episodes, figures, recording))
-        imported = read_import_record(recording / IMPORT_RECORD)
         findings = _findings(summaries, figures, imported)
         refuse_useless(recording, findings)
         report = _report(summaries, episodes, ranges, figures)
@@ -186,8 +186,7 @@ def _summaries(recording: Path, logs: Sequence[Path], ordered_map: OrderedMap) -
 
 
 def _summarise(log: Path) -> _LogSummary:
-    blocks = read_episodes(log, at_least=BLOCK_ROWS)
-    return reduce(_LogSummary.merge, (_summary_of(log, block) for block in blocks))
+    return _LogSummary.join([_summary_of(log, block) for block in read_episodes(log, at_least=BLOCK_ROWS)])
 
 
 def _summary_of(log: Path, block: LogContents) -> _LogSummary:
@@ -203,26 +202,39 @@ def _summary_of(log: Path, block: LogContents) -> _LogSummary:
     )
 
 
-def _episodes(summaries: Sequence[_LogSummary], params: ConvertParams) -> list[Episode]:
+def _log_names(summaries: Sequence[_LogSummary], imported: ImportRecord | None) -> list[str]:
+    """Return a name for each log that does not depend on the others: an imported one is called like its origin.
+
+    The logs of an import are numbered, so that one more file gives others new names.
+    """
+    origins = imported.origins if imported else {}
+    return file_names([PurePath(origins.get(summary.log.name, summary.log.name)) for summary in summaries])
+
+
+def _episodes(summaries: Sequence[_LogSummary], names: Sequence[str], params: ConvertParams) -> list[Episode]:
     """Split the episodes of each segment by itself, so that each has its share of test episodes."""
-    by_segment: dict[str, list[EpisodeRecord]] = {}
-    for summary in summaries:
-        by_segment.setdefault(summary.segment, []).extend(summary.episodes)
+    by_segment: dict[str, list[tuple[str, EpisodeRecord]]] = {}
+    for summary, name in zip(summaries, names, strict=True):
+        records = [(f"{name}#{number}", record) for number, record in enumerate(summary.episodes)]
+        by_segment.setdefault(summary.segment, []).extend(records)
     episodes = []
     for segment, records in by_segment.items():
         splits = assign_splits(
-            [record.episode for record in records],
+            [name for name, _ in records],
             seed=params.split_seed,
             validation_share=params.validation_share,
             test_share=params.test_share,
         )
-        episodes += [_episode(record, segment, split) for record, split in zip(records, splits, strict=True)]
+        episodes += [
+            _episode(record, name, segment, split) for (name, record), split in zip(records, splits, strict=True)
+        ]
     return episodes
 
 
-def _episode(record: EpisodeRecord, segment: str, split: Split) -> Episode:
+def _episode(record: EpisodeRecord, name: str, segment: str, split: Split) -> Episode:
     return Episode(
         episode=record.episode,
+        name=name,
         segment=segment,
         split=split,
         seed=record.seed,
@@ -240,12 +252,12 @@ def _jobs(
     dimensions = summaries[0].spec.observation
     low = np.array([dimension.low for dimension in dimensions])
     high = np.array([dimension.high for dimension in dimensions])
-    fences = outlier_fences(summaries[0].spec, reduce(Sample.merge, [summary.sample for summary in summaries]))
+    fences = outlier_fences(summaries[0].spec, Sample.join([summary.sample for summary in summaries]))
     return [
         _Job(
             log=summary.log,
             spec=summary.spec,
-            target=folder / "transitions" / f"{summary.log.stem}.parquet",
+            target=folder / FOLDER,
             splits={record.episode: splits[record.episode] for record in summary.episodes},
             segment=summary.segment,
             low=np.where(np.isfinite(low), low, ranges.minimum),
@@ -259,7 +271,7 @@ def _jobs(
 
 def _convert(job: _Job) -> _Figures:
     spec, figures = job.spec, list[_Figures]()
-    with table_writer(job.target, spec, row_group_rows=job.row_group_rows) as write:
+    with split_writer(job.target, f"{job.log.stem}.parquet", spec, row_group_rows=job.row_group_rows) as write:
         for block in read_episodes(job.log, at_least=BLOCK_ROWS):
             table = _table(job, block.transitions)
             write(table)
@@ -286,7 +298,7 @@ def _figures_of(job: _Job, table: TransitionTable) -> _Figures:
         train=Moments.of(column_values(table.only("train"))),
         occupancy=states.merge(Occupancy.of(transitions.next_observation, job.low, job.high)),
         fingerprints=row_fingerprints(transitions.observation, transitions.action),
-        quality=Quality.of(transitions, log=job.log.name, fences=job.fences, history=HISTORY),
+        quality=Quality.of(transitions, log=job.log.name, fences=job.fences),
     )
 
 

@@ -1,0 +1,107 @@
+"""Files that appear whole or not at all: also where a folder is replaced, and whenever that is interrupted."""
+
+import shutil
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from addressed_dynamics.base.files import atomic_path
+
+OLD, NEW = {"a.txt": "old", "b.txt": "old"}, {"a.txt": "new", "c.txt": "new"}
+
+
+class Killed(BaseException):
+    """The end of the process: from here on, nothing that touches a file works."""
+
+
+def fill(folder: Path, files: dict[str, str]) -> None:
+    folder.mkdir()
+    for name, text in files.items():
+        (folder / name).write_text(text)
+
+
+def found(folder: Path) -> dict[str, str]:
+    return {path.name: path.read_text() for path in folder.iterdir()}
+
+
+def replace_folder(target: Path) -> None:
+    with atomic_path(target) as temporary:
+        fill(temporary, NEW)
+
+
+def die_at(step: int, patches: pytest.MonkeyPatch) -> None:
+    """Let the process die at a step, the first being 0: a rename, or the removal of a file."""
+    steps = iter(range(step))
+
+    def dying(function: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*arguments: Any, **options: Any) -> Any:
+            if next(steps, None) is None:
+                raise Killed
+            return function(*arguments, **options)
+
+        return call
+
+    def remove(folder: Path) -> None:
+        for file in sorted(folder.iterdir()):
+            file.unlink()
+        folder.rmdir()
+
+    for name in ("rename", "replace", "unlink"):
+        patches.setattr(Path, name, dying(getattr(Path, name)))
+    patches.setattr(shutil, "rmtree", remove)
+
+
+def replace_and_die_at(step: int, target: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    fill(target, OLD)
+    with monkeypatch.context() as patches, suppress(Killed):
+        die_at(step, patches)
+        replace_folder(target)
+
+
+@pytest.mark.parametrize("step", range(12))
+def test_a_replaced_folder_is_whole_under_its_name_or_set_aside_wherever_the_process_dies(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: int
+) -> None:
+    target = tmp_path / "tables"
+    replace_and_die_at(step, target, monkeypatch)
+    wholes = [found(each) for each in tmp_path.iterdir() if each.is_dir()]
+    assert found(target) in (OLD, NEW) if target.exists() else OLD in wholes
+    with suppress(ZeroDivisionError), atomic_path(target):
+        # The next call finds it again, even if it comes to nothing.
+        assert found(target) in (OLD, NEW)
+        raise ZeroDivisionError
+    assert found(target) in (OLD, NEW)
+    replace_folder(target)
+    assert found(target) == NEW
+    assert [path.name for path in tmp_path.iterdir()] == ["tables"]
+
+
+def test_a_new_folder_that_cannot_take_its_name_leaves_the_old_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    target = tmp_path / "tables"
+    fill(target, OLD)
+
+    def interrupted(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Path, "replace", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        replace_folder(target)
+    assert found(target) == OLD
+    assert [path.name for path in tmp_path.iterdir()] == ["tables"]
+
+
+@pytest.mark.parametrize("step", range(12))
+def test_what_was_set_aside_never_comes_back_half_removed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: int
+) -> None:
+    target = tmp_path / "tables"
+    replace_and_die_at(step, target, monkeypatch)
+    shutil.rmtree(target, ignore_errors=True)  # as DVC does before it runs a stage again
+    with suppress(ZeroDivisionError), atomic_path(target):
+        raise ZeroDivisionError
+    assert not target.exists() or found(target) == OLD
