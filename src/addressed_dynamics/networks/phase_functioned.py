@@ -16,6 +16,7 @@ from jaxtyping import Float, Float32
 from torch import Tensor
 
 from addressed_dynamics.base.errors import ModelError
+from addressed_dynamics.base.params.motion import MotionFeatureParams
 from addressed_dynamics.episodes.layout import INPUT, OUTPUT
 from addressed_dynamics.features.motion.features import MotionFeatures
 from addressed_dynamics.networks.files import SavedNetwork
@@ -23,6 +24,8 @@ from addressed_dynamics.networks.stacked import StackedMLP
 
 CONTROL_POINTS = 4
 """Control points of the spline."""
+PFNN_FEATURES = MotionFeatureParams(target="absolute", joint_input_weight=0.1)
+"""What a phase-functioned network is given and asked for (Section 6 there)."""
 RELEASED_WIDTHS = (INPUT.width, 512, 512, OUTPUT.width)
 RELEASED_PHASES = 50
 """Phases, evenly spaced from 0, at which the released binaries hold the weights."""
