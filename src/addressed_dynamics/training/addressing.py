@@ -37,9 +37,11 @@ def train_addressing(
 ) -> Iterator[Epoch]:
     """Train an addressing network on the argmin of fresh loss profiles; yield after every epoch.
 
-    Profiles must be losses of states scaled to [0, 1]. Metrics of an epoch: `loss/train` (cross-entropy), and on the
-    validation samples `agreement` (share for which the choice is the best member), `regret/mean` and `regret/max`
-    (loss of the choice minus loss of the best), `loss/selected` (mean loss under the choice), `learning_rate`.
+    Profiles must be losses of states scaled to [0, 1]. Metrics of an epoch: `loss/train` and, on the validation
+    samples, `loss/validation`, both the mean cross-entropy with the best member. On the validation samples also, in
+    the unit of the profiles, `regret/mean` and `regret/max` (loss of the choice minus loss of the best) and
+    `loss/selected` (mean loss under the choice); `agreement` (share for which the choice is the best member);
+    `learning_rate`.
 
     With `augment` the network trains on what it makes of the inputs of a batch.
 
@@ -131,12 +133,14 @@ def choose(network: StackedMLP, samples: Samples) -> Int64[Tensor, " sample"]:
 def addressing_metrics(
     network: StackedMLP, samples: Samples, profiles: Float[Tensor, "sample member"]
 ) -> dict[str, float]:
-    """Return agreement with the best member, regret and loss of the addressing network's choices."""
-    chosen = choose(network, samples)
+    """Return cross-entropy and agreement with the best member, regret and loss of the addressing network's choices."""
+    scores = in_chunks(lambda x: addressing_scores(network, x), samples.x, sample_dim=0)
+    chosen = scores.argmax(dim=1)
     selected = profiles.gather(1, chosen.unsqueeze(1)).squeeze(1).double()
     lowest, best = profiles.min(dim=1)
     regret = selected - lowest.double()
     return {
+        "loss/validation": float(torch.nn.functional.cross_entropy(scores.double(), best)),
         "agreement": float((chosen == best).double().mean()),
         "loss/selected": float(selected.mean()),
         "regret/mean": float(regret.mean()),
