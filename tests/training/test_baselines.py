@@ -4,7 +4,7 @@ from typing import Any
 import pytest
 import torch
 from example_params import EXAMPLE
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from learning import ADDRESSING, CHANGE, ENSEMBLE, car_samples
 
@@ -12,6 +12,7 @@ from addressed_dynamics.base.params.experiments import ExperimentParams
 from addressed_dynamics.base.params.motion import BlendedNetwork
 from addressed_dynamics.base.params.sections import OptimiserParams
 from addressed_dynamics.base.params.training import EnsembleParams
+from addressed_dynamics.features.common.samples import Samples
 from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.training.baselines import (
     ONCE,
@@ -25,6 +26,7 @@ from addressed_dynamics.training.baselines import (
     same_size,
     total_parameters,
 )
+from addressed_dynamics.training.blended import train_gated
 from addressed_dynamics.training.ensemble import train_ensemble, untrained_ensemble
 from addressed_dynamics.training.epochs import Length, updates_per_epoch
 
@@ -91,6 +93,29 @@ def test_a_baseline_makes_exactly_as_many_updates_as_the_ensemble_those_before_a
     )
     assert last.last
     assert last.updates == ensemble.updates == ensemble_updates(recipe, len(TRAIN))
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    samples=st.integers(6, 60), members=st.integers(1, 5), sizes=st.tuples(st.integers(1, 20), st.integers(1, 20)),
+    epochs=st.integers(1, 4),
+)  # fmt: skip
+def test_trainings_of_one_network_and_of_a_mixture_end_at_the_update_at_which_the_ensemble_ends(
+    samples: int, members: int, sizes: tuple[int, int], epochs: int
+) -> None:
+    train = Samples(TRAIN.x[:samples], TRAIN.y[:samples], TRAIN.episode[:samples], TRAIN.step[:samples])
+    recipe = ENSEMBLE.model_copy(
+        update={"members": members, "batch_size": sizes[0], "epochs": epochs, "cluster_epochs": 1}
+    )
+    *_, ensemble = train_ensemble(train, VALIDATION, recipe, seed=0, loss_unit=1.0)
+    exact = {"seed": 0, "updates": ensemble_updates(recipe, samples)}
+    single = as_single(recipe, {"batch_size": sizes[1]}, samples)
+    *_, one = train_ensemble(train, VALIDATION, single, loss_unit=1.0, **exact)
+    mixture = blended_training(BLENDED.model_copy(update={"batch_size": sizes[1]}), recipe, samples)
+    *_, mixed = train_gated(train, VALIDATION, mixture, **exact)
+    assert one.updates == mixed.updates == ensemble.updates
+    assert one.samples == mixed.samples <= ensemble.updates * sizes[1]
+    assert ensemble.samples == epochs * samples
 
 
 def test_an_ablation_differs_by_its_bins_alone_and_a_single_network_by_its_shape() -> None:
