@@ -3,7 +3,7 @@ import torch
 from learning import drive, untrained_model
 
 from addressed_dynamics.base.errors import ModelError
-from addressed_dynamics.networks.addressing import addressed_members, addressing_scores
+from addressed_dynamics.networks.addressing import Use, addressed_members, addressing_scores, multiply_adds_a_step
 from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.simulators.addressed import AddressedDynamics
 from addressed_dynamics.simulators.portable import PortableDynamics
@@ -55,3 +55,27 @@ def test_heads_that_do_not_fit_the_members_are_refused(addressing: StackedMLP) -
     plain = untrained_model(drive())
     with pytest.raises(ModelError, match=r"one network with 5 inputs and 3 outputs, or 3 heads of one output"):
         AddressedDynamics(plain.features, plain.ensemble, addressing)
+
+
+@pytest.mark.parametrize("addressing", [PLAIN, HEADS])
+def test_a_step_costs_the_addressing_network_and_what_its_mode_evaluates(addressing: StackedMLP) -> None:
+    members, whole = StackedMLP(3, (5, 7, 2), "relu"), addressing.multiply_adds()
+    one = 5 * 7 + 7 * 2
+    expected: dict[Use, int] = {
+        "argmax": whole + one,
+        "sample": whole + one,
+        "mixture": whole + 3 * one + 3 * 2,
+        "blend": whole + 3 * one + 3 * (7 + 2),
+    }
+    assert {mode: multiply_adds_a_step(members, addressing, mode) for mode in expected} == expected
+
+
+def test_without_addressing_a_step_costs_one_network_or_the_mixture_of_all_by_phase() -> None:
+    single, points = StackedMLP(1, (5, 7, 2), "relu"), StackedMLP(4, (5, 7, 2), "relu")
+    assert multiply_adds_a_step(single, None, "argmax") == 5 * 7 + 7 * 2
+    assert multiply_adds_a_step(points, None, "phase") == 4 * (5 * 7 + 7 * 2) + 4 * (7 + 2)
+
+
+def test_the_cost_of_a_mode_that_there_is_not_is_refused() -> None:
+    with pytest.raises(ModelError, match="no addressing mode 'median'"):
+        multiply_adds_a_step(PLAIN, None, "median")  # type: ignore[arg-type]

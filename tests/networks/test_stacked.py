@@ -1,9 +1,11 @@
 import math
+from collections.abc import Callable
 
 import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from torch.utils.flop_counter import FlopCounterMode
 
 from addressed_dynamics.base.errors import ModelError
 from addressed_dynamics.networks.stacked import StackedMLP, in_chunks
@@ -115,3 +117,29 @@ def test_members_that_share_all_of_their_layers_are_refused(shared: int) -> None
 def test_a_stack_without_members_is_refused() -> None:
     with pytest.raises(ModelError, match="members >= 1"):
         StackedMLP(0, (5, 2), "relu")
+
+
+def products_of(call: Callable[[], torch.Tensor]) -> int:
+    """How many products the matrix products of `call` make, by PyTorch's own count of two operations each."""
+    with FlopCounterMode(display=False) as counter, torch.no_grad():
+        call()
+    return int(counter.get_total_flops()) // 2
+
+
+@SHARED
+def test_multiply_adds_are_those_that_pytorch_counts(shared: int) -> None:
+    stack, x = make_stack(shared=shared), torch.randn(1, 5)
+    one = torch.zeros(1, dtype=torch.int64)
+    assert stack.multiply_adds() == products_of(lambda: stack(x))
+    assert stack.multiply_adds(members=1) == products_of(lambda: stack.forward_routed(x, one))
+    mixing = 3 * sum(stack.widths[1 + shared :])
+    blended = products_of(lambda: stack.forward_blended(x, torch.full((1, 3), 1 / 3)))
+    assert stack.multiply_adds_blended == blended + mixing
+
+
+def test_multiply_adds_of_known_networks() -> None:
+    stack = StackedMLP(4, (5, 16, 8, 2), "relu")
+    assert stack.multiply_adds(members=1) == 5 * 16 + 16 * 8 + 8 * 2
+    assert stack.multiply_adds() == 4 * (5 * 16 + 16 * 8 + 8 * 2)
+    assert stack.multiply_adds_blended == stack.multiply_adds() + 4 * (16 + 8 + 2)
+    assert StackedMLP(4, (5, 16, 8, 2), "relu", shared=1).multiply_adds() == 5 * 16 + 4 * (16 * 8 + 8 * 2)

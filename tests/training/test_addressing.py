@@ -1,3 +1,4 @@
+import math
 from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
@@ -67,6 +68,14 @@ def test_heads_share_a_trunk_and_are_as_many_as_the_members() -> None:
 def test_heads_without_a_trunk_learn_too() -> None:
     first, *_, last = train(HEADED.model_copy(update={"hidden": ()}))
     assert last.metrics["loss/train"] < first.metrics["loss/train"]
+
+
+@FORMS
+def test_losses_in_training_and_in_validation_are_of_one_unit(form: AddressingTraining) -> None:
+    optimiser = form.optimiser.model_copy(update={"learning_rate": 1e-30})
+    still = form.model_copy(update={"optimiser": optimiser, "batch_size": len(TRAIN)})
+    epoch = next(train_addressing(TRAIN, profiles(TRAIN), TRAIN, profiles(TRAIN), still, seed=3, variant="plain"))
+    assert epoch.metrics["loss/validation"] == pytest.approx(epoch.metrics["loss/train"], rel=1e-5)
 
 
 @FORMS
@@ -154,13 +163,19 @@ def test_metrics_and_confusion_equal_a_loop_over_the_samples(
     selected = [row[member] for row, member in zip(losses.tolist(), chosen, strict=True)]
     regret = [loss - min(row) for loss, row in zip(selected, losses.tolist(), strict=True)]
     assert choose(network, samples).tolist() == chosen
+    scores = outputs.view(rows, members).double().tolist()
+    surprise = [
+        math.log(sum(math.exp(other) for other in row)) - row[member] for row, member in zip(scores, best, strict=True)
+    ]
     assert addressing_metrics(network, samples, losses) == pytest.approx(
         {
+            "loss/validation": sum(surprise) / rows,
             "agreement": sum(a == b for a, b in zip(chosen, best, strict=True)) / rows,
             "loss/selected": sum(selected) / rows,
             "regret/mean": sum(regret) / rows,
             "regret/max": max(regret),
-        }
+        },
+        abs=1e-9,
     )
     expected = [[sum((b, c) == (i, j) for b, c in zip(best, chosen, strict=True)) for j in range(members)]
                 for i in range(members)]  # fmt: skip

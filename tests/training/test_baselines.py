@@ -4,13 +4,31 @@ from typing import Any
 import pytest
 import torch
 from example_params import EXAMPLE
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from learning import ADDRESSING, CHANGE, ENSEMBLE, car_samples
 
 from addressed_dynamics.base.params.experiments import ExperimentParams
+from addressed_dynamics.base.params.motion import BlendedNetwork
+from addressed_dynamics.base.params.sections import OptimiserParams
+from addressed_dynamics.base.params.training import EnsembleParams
+from addressed_dynamics.features.common.samples import Samples
 from addressed_dynamics.networks.stacked import StackedMLP
-from addressed_dynamics.training.baselines import ONCE, PAIR, Baseline, hidden_of_total_parameters, plan_baselines
+from addressed_dynamics.training.baselines import (
+    ONCE,
+    PAIR,
+    Baseline,
+    as_single,
+    blended_training,
+    ensemble_updates,
+    hidden_of_total_parameters,
+    plan_baselines,
+    same_size,
+    total_parameters,
+)
+from addressed_dynamics.training.blended import train_gated
 from addressed_dynamics.training.ensemble import train_ensemble, untrained_ensemble
-from addressed_dynamics.training.epochs import updates_per_epoch
+from addressed_dynamics.training.epochs import Length, updates_per_epoch
 
 FEATURES, TRAIN, VALIDATION = car_samples()
 SINGLE_NETWORKS = {
@@ -62,14 +80,42 @@ def test_one_member_gets_its_own_widths() -> None:
     assert hidden_of_total_parameters(5, 2, (128, 64), 1) == (128, 64)
 
 
+@pytest.mark.parametrize("restart", [False, True])
 @pytest.mark.parametrize("name", ["wide", "narrow", "total_parameters", "unequal_bins", "random_bins"])
-def test_a_baseline_makes_as_many_updates_as_the_ensemble(name: str) -> None:
-    *_, ensemble = train_ensemble(TRAIN, VALIDATION, ENSEMBLE, seed=0, loss_unit=1.0)
-    baseline = planned()[name]
-    recipe = baseline.ensemble
-    *_, last = train_ensemble(TRAIN, VALIDATION, recipe, seed=0, loss_unit=1.0, binning=baseline.binning)
-    per_epoch = updates_per_epoch(len(TRAIN), recipe.members, recipe.batch_size)
-    assert ensemble.updates <= last.updates < ensemble.updates + per_epoch
+def test_a_baseline_makes_exactly_as_many_updates_as_the_ensemble_those_before_a_restart_included(
+    name: str, restart: bool
+) -> None:
+    recipe = ENSEMBLE.model_copy(update={"restart": restart})
+    *_, ensemble = train_ensemble(TRAIN, VALIDATION, recipe, seed=0, loss_unit=1.0)
+    baseline = planned(experiment(ensemble=recipe.model_dump(mode="json")))[name]
+    *_, last = train_ensemble(
+        TRAIN, VALIDATION, baseline.ensemble, seed=0, loss_unit=1.0, binning=baseline.binning, updates=baseline.updates
+    )
+    assert last.last
+    assert last.updates == ensemble.updates == ensemble_updates(recipe, len(TRAIN))
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    samples=st.integers(6, 60), members=st.integers(1, 5), sizes=st.tuples(st.integers(1, 20), st.integers(1, 20)),
+    epochs=st.integers(1, 4),
+)  # fmt: skip
+def test_trainings_of_one_network_and_of_a_mixture_end_at_the_update_at_which_the_ensemble_ends(
+    samples: int, members: int, sizes: tuple[int, int], epochs: int
+) -> None:
+    train = Samples(TRAIN.x[:samples], TRAIN.y[:samples], TRAIN.episode[:samples], TRAIN.step[:samples])
+    recipe = ENSEMBLE.model_copy(
+        update={"members": members, "batch_size": sizes[0], "epochs": epochs, "cluster_epochs": 1}
+    )
+    *_, ensemble = train_ensemble(train, VALIDATION, recipe, seed=0, loss_unit=1.0)
+    exact = {"seed": 0, "updates": ensemble_updates(recipe, samples)}
+    single = as_single(recipe, {"batch_size": sizes[1]}, samples)
+    *_, one = train_ensemble(train, VALIDATION, single, loss_unit=1.0, **exact)
+    mixture = blended_training(BLENDED.model_copy(update={"batch_size": sizes[1]}), recipe, samples)
+    *_, mixed = train_gated(train, VALIDATION, mixture, **exact)
+    assert one.updates == mixed.updates == ensemble.updates
+    assert one.samples == mixed.samples <= ensemble.updates * sizes[1]
+    assert ensemble.samples == epochs * samples
 
 
 def test_an_ablation_differs_by_its_bins_alone_and_a_single_network_by_its_shape() -> None:
@@ -111,3 +157,67 @@ def test_the_pair_is_an_ensemble_of_two_that_trains_for_epochs_of_its_own_and_st
 def test_without_epochs_there_is_no_pair() -> None:
     baselines = experiment().baselines.model_dump(mode="json") | {"pair_epochs": 0}
     assert PAIR not in planned(experiment(baselines=baselines))
+
+
+OPTIMISER = OptimiserParams(learning_rate=1e-3, betas=(0.9, 0.99), final_share=0.0)
+RESTARTED = EnsembleParams(
+    seeds=(0,), members=4, hidden=(32, 16), activation="elu", loss="mae", optimiser=OPTIMISER, batch_size=32,
+    dropout=0.1, epochs=20, cluster_epochs=5, restart=True, processes=1,
+)  # fmt: skip
+BLENDED = BlendedNetwork(
+    hidden=(32,), gate_hidden=(8,), members=3, activation="relu", loss="mse", optimiser=OPTIMISER, batch_size=16,
+    dropout=0.3, weight_penalty=0.01,
+)  # fmt: skip
+
+
+@st.composite
+def ensembles(draw: st.DrawFn) -> EnsembleParams:
+    return RESTARTED.model_copy(
+        update={
+            "members": draw(st.integers(1, 8)),
+            "epochs": draw(st.integers(1, 100)),
+            "batch_size": draw(st.integers(1, 200)),
+        }
+    )
+
+
+@given(ensemble=ensembles(), samples=st.integers(1, 5000), batch_size=st.integers(1, 200))
+def test_the_epochs_of_every_baseline_hold_as_many_updates_as_the_ensemble_makes_and_the_last_is_needed(
+    ensemble: EnsembleParams, samples: int, batch_size: int
+) -> None:
+    wanted = ensemble_updates(ensemble, samples)
+    assert wanted == ensemble.epochs * updates_per_epoch(samples, ensemble.members, ensemble.batch_size)
+    trainings = [
+        same_size(ensemble, samples),
+        total_parameters(ensemble, 342, 311, samples),
+        as_single(ensemble, {"batch_size": batch_size}, samples),
+        blended_training(BLENDED.model_copy(update={"batch_size": batch_size}), ensemble, samples),
+    ]
+    for each in trainings:
+        length = Length.of(samples, 1, each.batch_size, epochs=each.epochs, updates=wanted)
+        assert length.epochs == each.epochs
+        assert sum(length.updates_in(epoch) for epoch in range(1, each.epochs + 1)) == wanted
+
+
+def test_a_blended_training_differs_from_its_network_by_its_length_alone() -> None:
+    training = blended_training(BLENDED, RESTARTED, 1000)
+    assert training.model_dump(exclude={"epochs"}) == BLENDED.model_dump()
+    # 4 members with 250 samples each take 8 batches an epoch, the network 63.
+    assert training.epochs == 3
+
+
+def test_a_single_network_is_trained_as_a_member_is_but_for_what_is_said_of_it() -> None:
+    same = {"hidden", "activation", "loss", "optimiser", "batch_size", "dropout", "seeds", "processes"}
+    like_a_member = same_size(RESTARTED, 1000)
+    assert like_a_member.model_dump(include=same) == RESTARTED.model_dump(include=same)
+    assert (like_a_member.members, like_a_member.cluster_epochs, like_a_member.restart) == (1, 1, False)
+    wide = total_parameters(RESTARTED, 342, 311, 1000)
+    assert wide.model_dump(include=same - {"hidden"}) == RESTARTED.model_dump(include=same - {"hidden"})
+    assert wide.hidden > RESTARTED.hidden
+    other = as_single(RESTARTED, {"hidden": (5,), "activation": "tanh"}, 1000)
+    assert (other.hidden, other.activation, other.loss) == ((5,), "tanh", "mae")
+
+
+def test_what_it_returns_are_params_that_a_file_could_hold() -> None:
+    for each in (same_size(RESTARTED, 10), total_parameters(RESTARTED, 342, 311, 10)):
+        assert EnsembleParams.model_validate_json(each.model_dump_json()) == each

@@ -38,13 +38,19 @@ def params(**changes: object) -> BlendedTraining:
     return plain.model_copy(update=changes)
 
 
-def run(kind: str, recipe: BlendedTraining, checkpoint: Checkpoint | None = None, stop: int = 0) -> list[BlendedEpoch]:
+def run(
+    kind: str,
+    recipe: BlendedTraining,
+    checkpoint: Checkpoint | None = None,
+    stop: int = 0,
+    updates: int | None = None,
+) -> list[BlendedEpoch]:
     if kind == "phase":
         epochs = train_phase_functioned(
-            TRAIN, PHASE, VALIDATION, VALIDATION_PHASE, recipe, seed=0, checkpoint=checkpoint
+            TRAIN, PHASE, VALIDATION, VALIDATION_PHASE, recipe, seed=0, checkpoint=checkpoint, updates=updates
         )
     else:
-        epochs = train_gated(TRAIN, VALIDATION, recipe, seed=0, checkpoint=checkpoint)
+        epochs = train_gated(TRAIN, VALIDATION, recipe, seed=0, checkpoint=checkpoint, updates=updates)
     result = []
     for epoch in epochs:
         result.append(epoch)
@@ -141,3 +147,32 @@ def test_what_was_trained_makes_a_model() -> None:
 def test_samples_without_their_phases_are_refused() -> None:
     with pytest.raises(TrainingError, match="every sample needs its phase"):
         next(train_phase_functioned(TRAIN, PHASE[:5], VALIDATION, VALIDATION_PHASE, params(), seed=0))
+
+
+@KINDS
+def test_training_stops_after_exactly_so_many_updates(kind: str) -> None:
+    per_epoch = math.ceil(len(TRAIN) / 32)
+    updates = 3 * per_epoch - 1
+    last = run(kind, params(), updates=updates)[-1]
+    assert (last.index, last.last, last.updates, last.samples) == (
+        3,
+        True,
+        updates,
+        2 * len(TRAIN) + 32 * (per_epoch - 1),
+    )
+    whole, exact = run(kind, params())[-1], run(kind, params(epochs=5), updates=3 * per_epoch)[-1]
+    assert all(torch.equal(a, b) for a, b in zip(tensors(whole), tensors(exact), strict=True))
+    assert whole.metrics == exact.metrics
+
+
+@KINDS
+@pytest.mark.parametrize("loss", ["mse", "mae", "mae+mse"])
+def test_losses_in_training_and_in_validation_are_of_one_unit(kind: str, loss: str) -> None:
+    optimiser = OptimiserParams(learning_rate=1e-30, betas=(0.9, 0.999), final_share=1.0)
+    recipe = params(loss=loss, dropout=0.0, weight_penalty=0.0, optimiser=optimiser, batch_size=len(TRAIN), epochs=1)
+    if kind == "phase":
+        epochs = train_phase_functioned(TRAIN, PHASE, TRAIN, PHASE, recipe, seed=0)
+    else:
+        epochs = train_gated(TRAIN, TRAIN, recipe, seed=0)
+    (epoch,) = epochs
+    assert epoch.metrics["loss/train"] == pytest.approx(epoch.metrics["loss/validation"], rel=1e-5)

@@ -23,6 +23,7 @@ from addressed_dynamics.training.ensemble import (
     untrained_ensemble,
 )
 from addressed_dynamics.training.epochs import Epoch
+from addressed_dynamics.training.losses import reported_loss
 
 FEATURES, TRAIN, VALIDATION = car_samples()
 UNIT = FEATURES.loss_unit("mse")
@@ -213,3 +214,50 @@ def test_a_restarted_training_that_is_cut_off_goes_on_bit_for_bit(tmp_path: Path
     assert [each[:2] for each in resumed] == expected
     for found, wanted in zip(resumed[-1][2].parameters(), last.network.parameters(), strict=True):
         assert torch.equal(found, wanted)
+
+
+@pytest.mark.parametrize("restart", [False, True])
+@pytest.mark.parametrize("updates", [53, 60, 77])
+def test_a_training_stops_after_exactly_so_many_updates_and_its_learning_rate_ends_with_them(
+    tmp_path: Path, updates: int, restart: bool
+) -> None:
+    params = ENSEMBLE.model_copy(update={"restart": restart})
+    checkpoint = Checkpoint(tmp_path / "state.safetensors")
+    last = list(train(params, updates=updates, checkpoint=checkpoint))[-1]
+    per_epoch = math.ceil(math.ceil(len(TRAIN) / 2) / 8)
+    assert (last.index, last.last, last.updates) == (math.ceil(updates / per_epoch), True, updates)
+    counted = updates - ENSEMBLE.cluster_epochs * per_epoch if restart else updates
+    assert int(checkpoint.load()[1]["updates"]) == counted
+    before = (last.updates - 1) // per_epoch * per_epoch - (updates - counted)
+    share = 0.1 + 0.9 * 0.5 * (1 + math.cos(math.pi * before / counted))
+    assert last.metrics["learning_rate"] == pytest.approx(1e-2 * share)
+    for _ in islice(train(params, updates=updates, checkpoint=Checkpoint(tmp_path / "again")), last.index - 1):
+        pass
+    *_, resumed = train(params, updates=updates, checkpoint=Checkpoint(tmp_path / "again"))
+    assert (weights(resumed), resumed.metrics, resumed.samples) == (weights(last), last.metrics, last.samples)
+
+
+@pytest.mark.parametrize("restart", [False, True])
+def test_as_many_updates_as_whole_epochs_have_give_the_bytes_of_a_training_by_epochs(restart: bool) -> None:
+    params = ENSEMBLE.model_copy(update={"restart": restart})
+    *_, expected = train(params)
+    *_, last = train(params.model_copy(update={"epochs": 9}), updates=expected.updates)
+    assert weights(last) == weights(expected)
+    assert last.metrics == expected.metrics
+    assert last.samples == expected.samples == 6 * len(TRAIN)
+
+
+def test_updates_that_end_before_the_restart_are_refused() -> None:
+    with pytest.raises(TrainingError, match="start again after 4 epochs, but 30 updates end before that: give more"):
+        next(train(RESTARTED, updates=30))
+
+
+@pytest.mark.parametrize("loss", ["mse", "mae", "mae+mse"])
+def test_losses_in_training_and_in_validation_are_of_one_unit(loss: str) -> None:
+    optimiser = ENSEMBLE.optimiser.model_copy(update={"learning_rate": 1e-30})
+    still = ENSEMBLE.model_copy(update={"members": 1, "loss": loss, "optimiser": optimiser, "batch_size": 50})
+    unit = FEATURES.loss_unit(reported_loss(loss))
+    assert unit != pytest.approx(1.0)
+    epoch = next(train_ensemble(TRAIN, TRAIN, still, seed=3, loss_unit=unit))
+    assert epoch.metrics["loss/train"] == pytest.approx(epoch.metrics["loss/validation"], rel=1e-5)
+    assert epoch.metrics["loss_member/0"] == epoch.metrics["loss/train"]

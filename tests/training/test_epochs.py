@@ -5,7 +5,8 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from addressed_dynamics.training.epochs import Batch, batches, updates_per_epoch
+from addressed_dynamics.base.errors import TrainingError
+from addressed_dynamics.training.epochs import Batch, Length, batches, updates_per_epoch
 
 
 def passed(bins: torch.Tensor, members: int, batch_size: int, seed: int = 0) -> list[Batch]:
@@ -94,3 +95,29 @@ def test_the_order_is_random_and_follows_the_generator_alone() -> None:
     assert torch.equal(first, again)
     assert not torch.equal(first, other)
     assert first[0].tolist() != sorted(first[0].tolist())
+
+
+@given(equal_bins(), st.integers(1, 20), st.integers(1, 4), st.integers(1, 1000))
+def test_a_length_counts_the_updates_and_the_samples_of_the_batches_that_are_made(
+    case: tuple[torch.Tensor, int], batch_size: int, epochs: int, updates: int
+) -> None:
+    bins, members = case
+    updates = min(updates, epochs * updates_per_epoch(len(bins), members, batch_size))
+    length = Length.of(len(bins), members, batch_size, epochs=epochs, updates=updates)
+    made, seen = 0, 0
+    for epoch in range(1, length.epochs + 1):
+        for batch in passed(bins, members, batch_size, epoch)[: length.updates_in(epoch)]:
+            made += 1
+            seen += batch.rows.numel()
+        assert length.updates_after(epoch) == made
+        # A bin that is one short repeats a row at weight 0, which no network learns from and `samples_after` omits.
+        assert 0 <= seen - length.samples_after(epoch) <= epoch * (members - 1)
+    assert made == updates
+    assert length.updates_in(length.epochs) > 0
+
+
+def test_more_updates_than_the_epochs_have_or_none_at_all_are_refused() -> None:
+    for updates in (0, 31):
+        with pytest.raises(TrainingError, match=f"after 1 to 30 updates, but not after {updates}: give it more epochs"):
+            Length.of(100, 2, 10, epochs=6, updates=updates)
+    assert Length.of(100, 2, 10, epochs=6) == Length.of(100, 2, 10, epochs=6, updates=30)

@@ -5,7 +5,13 @@ import torch
 
 from addressed_dynamics.base.params.sections import OptimiserParams
 from addressed_dynamics.networks.stacked import ACTIVATIONS, StackedMLP
-from addressed_dynamics.training.losses import absolute_error, cross_entropy, cross_entropy_of_heads, squared_error
+from addressed_dynamics.training.losses import (
+    absolute_and_squared_error,
+    absolute_error,
+    cross_entropy,
+    cross_entropy_of_heads,
+    squared_error,
+)
 from addressed_dynamics.training.update import StackTrainer
 
 OPTIMISER = OptimiserParams(learning_rate=1e-2, betas=(0.9, 0.99), final_share=0.1)
@@ -137,3 +143,14 @@ def test_the_learning_rate_falls_from_its_peak_to_its_final_share() -> None:
     assert rates[0] == pytest.approx(1e-2)
     assert rates[-1] == pytest.approx(1e-3)
     assert rates == sorted(rates, reverse=True)
+
+
+def test_of_the_sum_of_both_errors_the_squared_one_is_reported_and_the_derivative_is_that_of_the_sum() -> None:
+    output, target, weight = (torch.randn(3, 12, 2), torch.randn(3, 12, 2), torch.rand(3, 12))
+    reported, derivative = absolute_and_squared_error(output, target, weight)
+    output.requires_grad_()
+    error = output - target
+    squared = (error.square().mean(-1) * weight).sum(dim=1)
+    (squared + (error.abs().mean(-1) * weight).sum(dim=1)).sum().backward()
+    torch.testing.assert_close(reported, squared.detach())
+    torch.testing.assert_close(derivative, output.grad)

@@ -93,6 +93,24 @@ class StackedMLP(nn.Module):
         """Number of weights and biases that all members have together; those that are shared count once."""
         return sum(parameter.numel() for parameter in self.parameters())
 
+    def multiply_adds(self, members: int | None = None) -> int:
+        """Return the multiply-adds of one input when so many members are evaluated for it, all of them if None.
+
+        A multiply-add is a product with a weight; biases and activations are not counted. Layers that all members share
+        are evaluated once.
+        """
+        evaluated = self.members if members is None else members
+        layers = enumerate(pairwise(self.widths))
+        return sum(width_in * width_out * (1 if k < self.shared else evaluated) for k, (width_in, width_out) in layers)
+
+    @property
+    def multiply_adds_blended(self) -> int:
+        """Multiply-adds of one input in `forward_blended`: every member's layers, and mixing what they put out.
+
+        To mix the weights instead and evaluate one network costs as many products, but for this mixing.
+        """
+        return self.multiply_adds() + self.members * sum(self.widths[1 + self.shared :])
+
     def forward_all(self, x: Float[Tensor, "*member sample input"]) -> Float[Tensor, "member sample output"]:
         """Return the outputs of all members, either for the same inputs (sample, input) or each for its own."""
         if x.shape[-1] != self.widths[0]:

@@ -15,7 +15,7 @@ from addressed_dynamics.features.common.samples import Samples
 from addressed_dynamics.networks.addressing import addressing_scores
 from addressed_dynamics.networks.stacked import StackedMLP, in_chunks
 from addressed_dynamics.training.checkpoints import Checkpoint
-from addressed_dynamics.training.epochs import Epoch, batches, updates_per_epoch
+from addressed_dynamics.training.epochs import Epoch, Length, batches
 from addressed_dynamics.training.losses import cross_entropy, cross_entropy_of_heads
 from addressed_dynamics.training.update import StackTrainer
 
@@ -37,9 +37,11 @@ def train_addressing(
 ) -> Iterator[Epoch]:
     """Train an addressing network on the argmin of fresh loss profiles; yield after every epoch.
 
-    Profiles must be losses of states scaled to [0, 1]. Metrics of an epoch: `loss/train` (cross-entropy), and on the
-    validation samples `agreement` (share for which the choice is the best member), `regret/mean` and `regret/max`
-    (loss of the choice minus loss of the best), `loss/selected` (mean loss under the choice), `learning_rate`.
+    Profiles must be losses of states scaled to [0, 1]. Metrics of an epoch: `loss/train` and, on the validation
+    samples, `loss/validation`, both the mean cross-entropy with the best member. On the validation samples also, in
+    the unit of the profiles, `regret/mean` and `regret/max` (loss of the choice minus loss of the best) and
+    `loss/selected` (mean loss under the choice); `agreement` (share for which the choice is the best member);
+    `learning_rate`.
 
     With `augment` the network trains on what it makes of the inputs of a batch.
 
@@ -55,8 +57,13 @@ def train_addressing(
     generator = named_generator(seed, "addressing/batches")
     network = untrained_addressing(train.x.shape[1], members, params, seed=seed)
     loss = cross_entropy_of_heads if params.heads else cross_entropy
-    total_updates = params.epochs * updates_per_epoch(len(train), 1, params.batch_size)
-    trainer = StackTrainer(network, loss, params.optimiser, total_updates, dropout=params.dropout, generator=generator)
+    length = Length.of(len(train), 1, params.batch_size, epochs=params.epochs)
+    trainer = StackTrainer(network, loss, params.optimiser, length.updates, dropout=params.dropout, generator=generator)
+
+    def ended(epoch: int, metrics: dict[str, float]) -> Epoch:
+        made, seen = length.updates_after(epoch), length.samples_after(epoch)
+        return Epoch(epoch, epoch == length.epochs, made, metrics, network, seen)
+
     best = train_profiles.argmin(dim=1)
     weights = misclassification_weights(train_profiles, params.tie_share) if variant == "cost_sensitive" else None
     one_bin = torch.zeros(len(train), dtype=torch.int64)
@@ -66,9 +73,9 @@ def train_addressing(
         generator.set_state(state.pop("generator"))
         trainer.restore(state)
     for epoch, metrics in enumerate(history, start=1):
-        yield Epoch(epoch, epoch == params.epochs, epoch * total_updates // params.epochs, metrics, network)
-    for epoch in range(len(history) + 1, params.epochs + 1):
-        rate, total, updates = trainer.learning_rate, 0.0, 0
+        yield ended(epoch, metrics)
+    for epoch in range(len(history) + 1, length.epochs + 1):
+        rate, total = trainer.learning_rate, 0.0
         drawn = everything if weights is None else resample(weights, generator)
         for batch in batches(one_bin, 1, params.batch_size, generator):
             rows = drawn[batch.rows]
@@ -76,16 +83,15 @@ def train_addressing(
             if augment is not None:
                 x, _ = augment(x, train.y[rows], generator)
             total += float(trainer.update(x, best[rows], batch.weight))
-            updates += 1
         if not total < float("inf"):
             message = "the loss of the addressing network is not finite: lower addressing.optimiser.learning_rate"
             raise TrainingError(message)
-        metrics = {"loss/train": total / updates, "learning_rate": rate}
+        metrics = {"loss/train": total / length.per_epoch, "learning_rate": rate}
         metrics |= addressing_metrics(network, validation, validation_profiles)
         history.append(metrics)
         if checkpoint:
             checkpoint.save(history, {**trainer.state(), "generator": generator.get_state()})
-        yield Epoch(epoch, epoch == params.epochs, trainer.updates, metrics, network)
+        yield ended(epoch, metrics)
 
 
 def untrained_addressing(inputs: int, members: int, params: AddressingTraining, *, seed: int) -> StackedMLP:
@@ -127,12 +133,14 @@ def choose(network: StackedMLP, samples: Samples) -> Int64[Tensor, " sample"]:
 def addressing_metrics(
     network: StackedMLP, samples: Samples, profiles: Float[Tensor, "sample member"]
 ) -> dict[str, float]:
-    """Return agreement with the best member, regret and loss of the addressing network's choices."""
-    chosen = choose(network, samples)
+    """Return cross-entropy and agreement with the best member, regret and loss of the addressing network's choices."""
+    scores = in_chunks(lambda x: addressing_scores(network, x), samples.x, sample_dim=0)
+    chosen = scores.argmax(dim=1)
     selected = profiles.gather(1, chosen.unsqueeze(1)).squeeze(1).double()
     lowest, best = profiles.min(dim=1)
     regret = selected - lowest.double()
     return {
+        "loss/validation": float(torch.nn.functional.cross_entropy(scores.double(), best)),
         "agreement": float((chosen == best).double().mean()),
         "loss/selected": float(selected.mean()),
         "regret/mean": float(regret.mean()),

@@ -1,11 +1,16 @@
-"""What the ensemble is compared with: how each baseline is made to train as long as the ensemble does."""
+"""What the ensemble is compared with: how each baseline is made to train exactly as long as the ensemble does.
+
+As long is as many updates: the ensemble's total number, all of them counted, also those before a restart, which only
+found the bins. An update is a batch for every network, so an ensemble sees n times as many samples in it as a single
+network of the same batch size; reports show both, and the multiply-adds.
+"""
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
-from addressed_dynamics.base.params.experiments import ExperimentParams, FeatureParams
+from addressed_dynamics.base.params.motion import BlendedNetwork, BlendedTraining
 from addressed_dynamics.base.params.training import AddressingTraining, BaselinesParams, EnsembleParams
 from addressed_dynamics.training.ensemble import Binning
 from addressed_dynamics.training.epochs import updates_per_epoch
@@ -22,23 +27,43 @@ ONCE = (PAIR, *OTHER_RECIPE.values())
 """What is trained from the first seed alone."""
 
 
+class Sections(Protocol):
+    """The sections of an experiment's params that baselines are planned from, whatever kind of data it has."""
+
+    @property
+    def recipe(self) -> str:
+        """Name of the recipe that was chosen."""
+
+    @property
+    def features(self) -> Any:
+        """What networks are given and asked for: a section of its kind."""
+
+    @property
+    def ensemble(self) -> EnsembleParams:
+        """How the ensemble is trained."""
+
+    @property
+    def baselines(self) -> BaselinesParams:
+        """What is trained beside it."""
+
+
 @dataclass(frozen=True)
 class Baseline:
     """Something that is trained beside the ensemble."""
 
-    features: FeatureParams
-    """What its networks are given and asked for."""
+    features: Any
+    """What its networks are given and asked for: the section of its kind."""
     ensemble: EnsembleParams
     """How they are trained: a single network is an ensemble of one."""
     binning: Binning
     """How samples get their member."""
     addressing: AddressingTraining | None
     """How the network that addresses them is trained; None if there is nothing to choose."""
+    updates: int | None = None
+    """After how many updates training stops; None: when its epochs end."""
 
 
-def plan_baselines(
-    chosen: ExperimentParams, other: ExperimentParams, inputs: int, outputs: int, samples: int
-) -> dict[str, Baseline]:
+def plan_baselines(chosen: Sections, other: Sections, inputs: int, outputs: int, samples: int) -> dict[str, Baseline]:
     """Return all that is to be trained, by name; the longest trainings, of large single networks, first.
 
     Args:
@@ -59,7 +84,7 @@ def plan_baselines(
             plan[name] = Baseline(chosen.features, recipe, ABLATIONS[name], params.addressing)
         else:
             single = single_network_params(name, recipe, params, inputs, outputs, samples)
-            plan[name] = Baseline(chosen.features, single, "equal", None)
+            plan[name] = Baseline(chosen.features, single, "equal", None, ensemble_updates(recipe, samples))
     if params.pair_epochs:
         pair = recipe.model_copy(update={"members": 2, "epochs": params.pair_epochs, "restart": False})
         plan[PAIR] = Baseline(chosen.features, pair, "equal", None)
@@ -71,8 +96,8 @@ def single_network_params(
 ) -> EnsembleParams:
     """Return the training of a single network, as the training of an ensemble of one.
 
-    It makes as many updates as the ensemble, rounded up to whole epochs (with a member's batch size its epochs are n
-    times as long, so there are fewer of them).
+    Its epochs are those that as many updates as the ensemble's begin (with a member's batch size they are n times as
+    long, so there are fewer of them); it stops after `ensemble_updates`.
 
     Args:
         name: one of `baselines.single_networks`, or `total_parameters`.
@@ -83,24 +108,45 @@ def single_network_params(
         samples: number of training samples.
     """
     if name in baselines.single_networks:
-        shape = dict(baselines.single_networks[name])
-    else:
-        shape = {"hidden": hidden_of_total_parameters(inputs, outputs, ensemble.hidden, ensemble.members)}
-    return as_single(ensemble, shape, samples)
+        return as_single(ensemble, dict(baselines.single_networks[name]), samples)
+    return total_parameters(ensemble, inputs, outputs, samples)
+
+
+def ensemble_updates(ensemble: EnsembleParams, samples: int) -> int:
+    """Return how many updates an ensemble makes in all, those before a restart included."""
+    return ensemble.epochs * updates_per_epoch(samples, ensemble.members, ensemble.batch_size)
 
 
 def as_single(ensemble: EnsembleParams, shape: Mapping[str, Any], samples: int) -> EnsembleParams:
-    """Return the training of one network that makes as many updates as the ensemble, up to a whole epoch.
+    """Return the training of one network, in the epochs that as many updates as the ensemble's begin.
+
+    The last of them is to be cut short: the training stops after `ensemble_updates`.
 
     Args:
         ensemble: training of the ensemble.
         shape: in what the network differs from a member.
         samples: number of training samples.
     """
-    updates = ensemble.epochs * updates_per_epoch(samples, ensemble.members, ensemble.batch_size)
     single = ensemble.model_copy(update={"members": 1, "cluster_epochs": 1, "restart": False, **shape})
-    epochs = math.ceil(updates / updates_per_epoch(samples, 1, single.batch_size))
+    epochs = math.ceil(ensemble_updates(ensemble, samples) / updates_per_epoch(samples, 1, single.batch_size))
     return single.model_copy(update={"epochs": epochs})
+
+
+def same_size(ensemble: EnsembleParams, samples: int) -> EnsembleParams:
+    """Return the training of one network as large as a member, as `as_single` does."""
+    return as_single(ensemble, {}, samples)
+
+
+def total_parameters(ensemble: EnsembleParams, inputs: int, outputs: int, samples: int) -> EnsembleParams:
+    """Return the training of one network with as many parameters as the members together, as `as_single` does."""
+    hidden = hidden_of_total_parameters(inputs, outputs, ensemble.hidden, ensemble.members)
+    return as_single(ensemble, {"hidden": hidden}, samples)
+
+
+def blended_training(network: BlendedNetwork, ensemble: EnsembleParams, samples: int) -> BlendedTraining:
+    """Return the training of a blended network, in the epochs that as many updates as the ensemble's begin."""
+    epochs = math.ceil(ensemble_updates(ensemble, samples) / updates_per_epoch(samples, 1, network.batch_size))
+    return BlendedTraining(**network.model_dump(), epochs=epochs)
 
 
 def hidden_of_total_parameters(inputs: int, outputs: int, hidden: tuple[int, ...], members: int) -> tuple[int, ...]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import islice
 
 import torch
 from jaxtyping import Float, Int64
@@ -24,7 +25,7 @@ from addressed_dynamics.networks.spline import CONTROL_POINTS, catmull_rom
 from addressed_dynamics.networks.stacked import ACTIVATIONS, StackedMLP, in_chunks
 from addressed_dynamics.training.adam import FlatAdam
 from addressed_dynamics.training.checkpoints import Checkpoint
-from addressed_dynamics.training.epochs import Epoch, batches, updates_per_epoch
+from addressed_dynamics.training.epochs import Epoch, Length, batches
 from addressed_dynamics.training.losses import loss_profile, reported_loss
 
 Coefficients = Callable[[Tensor, Tensor], Tensor]
@@ -49,11 +50,13 @@ def train_phase_functioned(
     seed: int,
     augment: Augment | None = None,
     checkpoint: Checkpoint | None = None,
+    updates: int | None = None,
 ) -> Iterator[BlendedEpoch]:
-    """Train a phase-functioned network; yield after every epoch. Metrics and checkpoint as in `train_gated`.
+    """Train a phase-functioned network; yield after every epoch. Metrics, checkpoint, `updates` as in `train_gated`.
 
     Raises:
-        TrainingError: there are no samples, their phases are others, or the loss is not finite.
+        TrainingError: there are no samples, their phases are others, `updates` are more than the epochs have, or the
+            loss is not finite.
     """
     if len(train) != len(train_phase) or len(validation) != len(validation_phase):
         message = (
@@ -65,7 +68,7 @@ def train_phase_functioned(
     stack, _ = untrained_blended(train.x.shape[1], train.y.shape[1], params, seed=seed, gated=False)
     yield from _train(
         train, validation, params, stack, None, lambda _, rows: on_train[rows], lambda _, rows: on_validation[rows],
-        seed=seed, augment=augment, checkpoint=checkpoint,
+        seed=seed, augment=augment, checkpoint=checkpoint, updates=updates,
     )  # fmt: skip
 
 
@@ -77,14 +80,16 @@ def train_gated(
     seed: int,
     augment: Augment | None = None,
     checkpoint: Checkpoint | None = None,
+    updates: int | None = None,
 ) -> Iterator[BlendedEpoch]:
     """Train networks together with a gate whose softmax mixes their parameters; yield after every epoch.
 
-    Metrics: `loss/train` and `loss/validation` (without dropout and penalty), of normalised targets; `learning_rate`.
-    With a checkpoint, training goes on from it if it exists, as `train_ensemble` does.
+    Metrics: `loss/train` and `loss/validation` (without dropout), both as `reported_loss` has them, of normalised
+    targets and without the penalty; `learning_rate`. With a checkpoint, training goes on from it if it exists, and with
+    `updates` it stops after exactly so many, as `train_ensemble` does.
 
     Raises:
-        TrainingError: there are no samples, or the loss is not finite.
+        TrainingError: there are no samples, `updates` are more than the epochs have, or the loss is not finite.
     """
     stack, gate = untrained_blended(train.x.shape[1], train.y.shape[1], params, seed=seed, gated=True)
     assert gate is not None
@@ -94,7 +99,7 @@ def train_gated(
 
     yield from _train(
         train, validation, params, stack, gate, coefficients, coefficients,
-        seed=seed, augment=augment, checkpoint=checkpoint,
+        seed=seed, augment=augment, checkpoint=checkpoint, updates=updates,
     )  # fmt: skip
 
 
@@ -141,23 +146,29 @@ def _train(
     seed: int,
     augment: Augment | None,
     checkpoint: Checkpoint | None,
+    updates: int | None,
 ) -> Iterator[BlendedEpoch]:
     if not len(train) or not len(validation):
         message = "there are no samples to train the mixed networks on: put more clips into the training split"
         raise TrainingError(message)
     generator = named_generator(seed, "blended/batches")
-    per_epoch = updates_per_epoch(len(train), 1, params.batch_size)
-    trainer = _BlendedTrainer(stack, gate, params, params.epochs * per_epoch, generator)
+    length = Length.of(len(train), 1, params.batch_size, epochs=params.epochs, updates=updates)
+    trainer = _BlendedTrainer(stack, gate, params, length.updates, generator)
+
+    def ended(epoch: int, metrics: dict[str, float]) -> BlendedEpoch:
+        made, seen = length.updates_after(epoch), length.samples_after(epoch)
+        return BlendedEpoch(epoch, epoch == length.epochs, made, metrics, stack, seen, gate)
+
     history, state = checkpoint.load() if checkpoint else ([], {})
     if history:
         generator.set_state(state.pop("generator"))
         trainer.adam.restore(state)
     for epoch, metrics in enumerate(history, start=1):
-        yield BlendedEpoch(epoch, epoch == params.epochs, epoch * per_epoch, metrics, stack, gate)
+        yield ended(epoch, metrics)
     one_bin = torch.zeros(len(train), dtype=torch.int64)
-    for epoch in range(len(history) + 1, params.epochs + 1):
+    for epoch in range(len(history) + 1, length.epochs + 1):
         rate, total = trainer.adam.learning_rate, 0.0
-        for batch in batches(one_bin, 1, params.batch_size, generator):
+        for batch in islice(batches(one_bin, 1, params.batch_size, generator), length.updates_in(epoch)):
             rows = batch.rows[0]
             x, y = train.x[rows], train.y[rows]
             if augment is not None:
@@ -166,12 +177,12 @@ def _train(
         if not total < float("inf"):
             message = "the training loss is not finite any more: lower the learning rate"
             raise TrainingError(message)
-        metrics = {"loss/train": total / per_epoch, "learning_rate": rate}
+        metrics = {"loss/train": total / length.updates_in(epoch), "learning_rate": rate}
         metrics["loss/validation"] = _loss(stack, on_validation, validation, reported_loss(params.loss))
         history.append(metrics)
         if checkpoint:
             checkpoint.save(history, {**trainer.adam.state(), "generator": generator.get_state()})
-        yield BlendedEpoch(epoch, epoch == params.epochs, epoch * per_epoch, metrics, stack, gate)
+        yield ended(epoch, metrics)
 
 
 class _BlendedTrainer:
@@ -201,10 +212,10 @@ class _BlendedTrainer:
         coefficients: Coefficients,
         rows: Int64[Tensor, " sample"],
     ) -> float:
-        """Train on a batch; return its loss, without the penalty, before the update."""
+        """Train on a batch; return its loss before the update, as it is reported and without the penalty."""
         with torch.enable_grad():
             output = forward_with_dropout(self._stack, x, coefficients(x, rows), self._params.dropout, self._generator)
-            loss = (loss_profile(output.unsqueeze(0), y, self._params.loss).squeeze(1) * weight).sum()
+            loss = _weighted(output, y, weight, self._params.loss)
         computed = torch.autograd.grad(loss, self._parameters)
         for place, gradient in zip(self.adam.gradients, computed, strict=True):
             place.copy_(gradient)
@@ -212,7 +223,18 @@ class _BlendedTrainer:
         for place, value, penalty in zip(self.adam.gradients, self.adam.values, self._penalties, strict=False):
             place.add_(value.sign(), alpha=penalty)
         self.adam.step()
-        return float(loss.detach())
+        reported = reported_loss(self._params.loss)
+        known = loss if reported == self._params.loss else _weighted(output, y, weight, reported)
+        return float(known.detach())
+
+
+def _weighted(
+    output: Float[Tensor, "sample output"],
+    target: Float[Tensor, "sample output"],
+    weight: Float[Tensor, " sample"],
+    loss: str,
+) -> Float[Tensor, ""]:
+    return (loss_profile(output.unsqueeze(0), target, loss).squeeze(1) * weight).sum()
 
 
 def _loss(stack: StackedMLP, coefficients: Coefficients, samples: Samples, loss: str) -> float:

@@ -1,12 +1,15 @@
 """Checkpoints: a training that is killed goes on from its last finished epoch, bit for bit.
 
 They lie outside the pipeline's outputs (DVC removes those before a stage runs), under a name made of all that
-determines the training, so that a checkpoint can only ever be found by the training it belongs to.
+determines the training, the code's version included, and of nothing that does not: a checkpoint can only ever be found
+by the training it belongs to, and another number of processes or one more seed does not lose it.
 """
 
 import hashlib
 import json
+from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +22,12 @@ from addressed_dynamics.base.files import atomic_path
 
 FORMAT = 2
 """Version of what a checkpoint holds, part of its name."""
+NO_PART = ("processes", "seeds", "variants", "deliver")
+"""Params that determine no single training: how many run side by side, which others there are, and which is delivered.
+Its own seed and variant are other keys."""
+_PACKAGE = Path(__file__).parent.parent
+SOURCES = tuple(_PACKAGE / name for name in ("training", "networks", "features", "base/torch_runtime.py"))
+"""Folders and files whose code decides what a training gives."""
 
 
 @dataclass(frozen=True)
@@ -30,8 +39,13 @@ class Checkpoint:
 
     @staticmethod
     def of(folder: Path, **identity: Any) -> "Checkpoint":
-        """Return the checkpoint in `folder` of the training that `identity` (JSON-compatible values) determines."""
-        text = json.dumps({"format": FORMAT, **identity}, sort_keys=True)
+        """Return the checkpoint in `folder` of the training that `identity` determines, with the code as it is.
+
+        Args:
+            folder: where checkpoints lie.
+            identity: JSON-compatible values; keys among `NO_PART`, at any depth, are left out.
+        """
+        text = json.dumps({"format": FORMAT, "code": code_version(), **_decisive(identity)}, sort_keys=True)
         return Checkpoint(folder / f"{hashlib.blake2b(text.encode(), digest_size=12).hexdigest()}.safetensors")
 
     def save(self, history: list[dict[str, float]], tensors: dict[str, Tensor]) -> None:
@@ -51,3 +65,32 @@ class Checkpoint:
     def remove(self) -> None:
         """Delete the file, if there is one."""
         self.path.unlink(missing_ok=True)
+
+
+@cache
+def code_version() -> str:
+    """Return a hash of the code that decides what a training gives, as it is when this is first asked."""
+    return hash_sources(SOURCES)
+
+
+def hash_sources(paths: Iterable[Path]) -> str:
+    """Return a hash of the names and contents of Python files.
+
+    Args:
+        paths: the files, or folders of them; where these lie does not matter.
+    """
+    digest = hashlib.blake2b(digest_size=16)
+    for path in paths:
+        files = sorted(path.rglob("*.py")) if path.is_dir() else [path]
+        for file in files:
+            content = file.read_bytes()
+            digest.update(f"{file.relative_to(path.parent).as_posix()} {len(content)}\n".encode())
+            digest.update(content)
+    return digest.hexdigest()
+
+
+def _decisive(value: Any) -> Any:
+    """Return a JSON-compatible value without the keys that determine no training."""
+    if isinstance(value, dict):
+        return {key: _decisive(each) for key, each in value.items() if key not in NO_PART}
+    return [_decisive(each) for each in value] if isinstance(value, list | tuple) else value

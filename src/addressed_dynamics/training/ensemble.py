@@ -1,10 +1,11 @@
 """Phase 1 of the paper (Section 2.1): cluster by loss, train each member on its bin, again and again."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from itertools import islice
 from typing import Literal
 
 import torch
-from jaxtyping import Float, Int64
+from jaxtyping import Float
 from torch import Tensor
 
 from addressed_dynamics.base.errors import TrainingError
@@ -15,7 +16,7 @@ from addressed_dynamics.features.common.samples import Samples
 from addressed_dynamics.networks.stacked import StackedMLP, in_chunks
 from addressed_dynamics.training.checkpoints import Checkpoint
 from addressed_dynamics.training.clustering import assign_to_bins
-from addressed_dynamics.training.epochs import Epoch, batches, updates_per_epoch
+from addressed_dynamics.training.epochs import Batch, Epoch, Length, batches
 from addressed_dynamics.training.losses import REGRESSION_LOSSES, loss_profile, reported_loss
 from addressed_dynamics.training.update import StackTrainer
 
@@ -33,14 +34,18 @@ def train_ensemble(
     binning: Binning = "equal",
     augment: Augment | None = None,
     checkpoint: Checkpoint | None = None,
+    updates: int | None = None,
 ) -> Iterator[Epoch]:
     """Train `params.members` networks from `seed`; yield after every epoch.
 
-    Metrics of an epoch: `loss/train` and `loss_member/k` on the members' own bins, in the unit they train on. On the
-    validation samples, as losses of states scaled to [0, 1] (times `loss_unit`): `loss/validation` under each sample's
-    best member; `selected/k` and `not_selected/k`: mean loss of member k on the samples where it is best, and on the
-    others; `share/k` of the former. `bins/changed`: share of the training samples that changed their bin;
+    Metrics of an epoch, all losses as `reported_loss` has them and times `loss_unit`, so of states scaled to [0, 1]:
+    `loss/train` and `loss_member/k` on the members' own bins; on the validation samples `loss/validation` under each
+    sample's best member, `selected/k` and `not_selected/k`: mean loss of member k on the samples where it is best, and
+    on the others; `share/k` of the former. `bins/changed`: share of the training samples that changed their bin;
     `learning_rate`.
+
+    With `updates` training stops after exactly so many, those before a restart included: the last epoch is cut short,
+    and the learning rate's schedule ends with it.
 
     With `params.restart` the epochs in which bins are made anew only find the bins: the networks then start again from
     their first weights and the learning rate from its peak, so that no network has ever seen what is not in its bin.
@@ -51,7 +56,8 @@ def train_ensemble(
     (and the networks as they are after the last of them), and it ends as it would have without the interruption.
 
     Raises:
-        TrainingError: there are fewer samples than members, or a loss is not finite.
+        TrainingError: there are fewer samples than members, `updates` are more than the epochs have or end before the
+            restart, or a loss is not finite.
     """
     if len(train) < params.members or not len(validation):
         message = (
@@ -61,14 +67,18 @@ def train_ensemble(
         raise TrainingError(message)
     members = params.members
     generator = named_generator(seed, "ensemble/batches")
-    per_epoch = updates_per_epoch(len(train), members, params.batch_size)
+    length = Length.of(len(train), members, params.batch_size, epochs=params.epochs, updates=updates)
     search = params.cluster_epochs if params.restart else 0
+    if length.epochs <= search:
+        message = f"the networks start again after {search} epochs, but {updates} updates end before that: give more"
+        raise TrainingError(message)
 
     def begin(epoch: int) -> StackTrainer:
         untrained = untrained_ensemble(train.x.shape[1], train.y.shape[1], params, seed=seed)
-        epochs = search if epoch <= search else params.epochs - search
+        found_after = length.updates_after(search)
         return StackTrainer(
-            untrained, REGRESSION_LOSSES[params.loss], params.optimiser, epochs * per_epoch,
+            untrained, REGRESSION_LOSSES[params.loss], params.optimiser,
+            found_after if epoch <= search else length.updates - found_after,
             dropout=params.dropout, generator=generator,
         )  # fmt: skip
 
@@ -80,8 +90,8 @@ def train_ensemble(
         generator.set_state(random_state)
         trainer.restore(state)
     for epoch, metrics in enumerate(history, start=1):
-        yield Epoch(epoch, epoch == params.epochs, epoch * per_epoch, metrics, trainer.stack)
-    for epoch in range(len(history) + 1, params.epochs + 1):
+        yield _epoch(epoch, length, metrics, trainer.stack)
+    for epoch in range(len(history) + 1, length.epochs + 1):
         if search and epoch == search + 1:
             trainer = begin(epoch)
         stack, previous = trainer.stack, bins
@@ -89,7 +99,8 @@ def train_ensemble(
             profiles = evaluate_profiles(stack, train, params.loss)
             bins = assign_to_bins(profiles) if binning == "equal" else profiles.argmin(dim=1)
         rate = trainer.learning_rate
-        member_losses = _train_one_epoch(trainer, train, bins, params.batch_size, generator, augment)
+        passed = islice(batches(bins, members, params.batch_size, generator), length.updates_in(epoch))
+        member_losses = _train_one_epoch(trainer, train, passed, generator, augment) * loss_unit
         metrics = {"loss/train": float(member_losses.mean()), "learning_rate": rate}
         metrics |= {f"loss_member/{k}": float(loss) for k, loss in enumerate(member_losses)}
         metrics |= specialisation(evaluate_profiles(stack, validation, reported_loss(params.loss)) * loss_unit)
@@ -97,7 +108,7 @@ def train_ensemble(
         history.append(metrics)
         if checkpoint:
             checkpoint.save(history, {**trainer.state(), "bins": bins, "generator": generator.get_state()})
-        yield Epoch(epoch, epoch == params.epochs, epoch * per_epoch, metrics, stack)
+        yield _epoch(epoch, length, metrics, stack)
 
 
 def untrained_ensemble(inputs: int, outputs: int, params: EnsembleParams, *, seed: int) -> StackedMLP:
@@ -126,19 +137,18 @@ def specialisation(profiles: Float[Tensor, "sample member"]) -> dict[str, float]
     return metrics
 
 
+def _epoch(index: int, length: Length, metrics: dict[str, float], stack: StackedMLP) -> Epoch:
+    updates, samples = length.updates_after(index), length.samples_after(index)
+    return Epoch(index, index == length.epochs, updates, metrics, stack, samples)
+
+
 def _train_one_epoch(
-    trainer: StackTrainer,
-    train: Samples,
-    bins: Int64[Tensor, " sample"],
-    batch_size: int,
-    generator: torch.Generator,
-    augment: Augment | None,
+    trainer: StackTrainer, train: Samples, passed: Iterable[Batch], generator: torch.Generator, augment: Augment | None
 ) -> Float[Tensor, " member"]:
-    """Train every member on its bin once; return each member's mean loss over the updates."""
-    members = trainer.stack.members
-    total = torch.zeros(members, dtype=torch.float64)
+    """Train every member on its batches; return each member's mean loss over the updates, as it is reported."""
+    total = torch.zeros(trainer.stack.members, dtype=torch.float64)
     updates = 0
-    for batch in batches(bins, members, batch_size, generator):
+    for batch in passed:
         x, y = train.x[batch.rows], train.y[batch.rows]
         if augment is not None:
             x, y = augment(x, y, generator)

@@ -8,6 +8,7 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
+from addressed_dynamics.base.errors import TrainingError
 from addressed_dynamics.networks.stacked import StackedMLP
 
 
@@ -25,6 +26,8 @@ class Epoch:
     """What was measured in it; losses are of states scaled to [0, 1]."""
     network: StackedMLP
     """The networks as they are now; they change in place when the loop goes on."""
+    samples: int = 0
+    """Samples seen so far by all networks together: every time that one is in a batch counts."""
 
 
 @dataclass(frozen=True)
@@ -66,3 +69,54 @@ def batches(
 def updates_per_epoch(samples: int, members: int, batch_size: int) -> int:
     """Return the number of batches that `batches` yields."""
     return math.ceil(math.ceil(samples / members) / batch_size)
+
+
+@dataclass(frozen=True)
+class Length:
+    """How long a training is, of which the last epoch may be cut short."""
+
+    updates: int
+    """Updates in all."""
+    per_epoch: int
+    """Updates of a whole epoch."""
+    samples: int
+    """Samples to train on."""
+    members: int
+    """Networks that share them."""
+    batch_size: int
+    """Samples per member and update."""
+
+    @staticmethod
+    def of(samples: int, members: int, batch_size: int, *, epochs: int, updates: int | None = None) -> "Length":
+        """Return the length of a training of `epochs` epochs, or of exactly `updates` updates, if they are given.
+
+        Raises:
+            TrainingError: so many updates are none, or more than the epochs have.
+        """
+        per_epoch = updates_per_epoch(samples, members, batch_size)
+        most = epochs * per_epoch
+        if updates is not None and not 1 <= updates <= most:
+            message = (
+                f"a training of {epochs} epochs of {per_epoch} updates can stop after 1 to {most} updates, but not "
+                f"after {updates}: give it more epochs"
+            )
+            raise TrainingError(message)
+        return Length(most if updates is None else updates, per_epoch, samples, members, batch_size)
+
+    @property
+    def epochs(self) -> int:
+        """Number of epochs, that which is cut short included."""
+        return math.ceil(self.updates / self.per_epoch)
+
+    def updates_after(self, epoch: int) -> int:
+        """Return the updates made when `epoch` (from 1) ends."""
+        return min(epoch * self.per_epoch, self.updates)
+
+    def updates_in(self, epoch: int) -> int:
+        """Return the updates of `epoch`: those of a whole one, unless it is the last and cut short."""
+        return self.updates_after(epoch) - self.updates_after(epoch - 1)
+
+    def samples_after(self, epoch: int) -> int:
+        """Return the samples that all members together have seen when `epoch` ends; a whole epoch shows each once."""
+        whole, rest = divmod(self.updates_after(epoch), self.per_epoch)
+        return whole * self.samples + min(rest * self.batch_size * self.members, self.samples)

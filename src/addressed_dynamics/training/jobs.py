@@ -108,4 +108,4 @@ def _send(sender: Connection, message: Epoch | Failure | None) -> None:
 
 
 def _without_weights(epoch: Epoch) -> Epoch:
-    return Epoch(epoch.index, epoch.last, epoch.updates, epoch.metrics, StackedMLP(1, (1, 1), "relu"))
+    return Epoch(epoch.index, epoch.last, epoch.updates, epoch.metrics, StackedMLP(1, (1, 1), "relu"), epoch.samples)

@@ -8,7 +8,8 @@ from jaxtyping import Float, Int64
 from torch import Tensor
 
 MemberLoss = Callable[[Tensor, Tensor, Tensor], tuple[Tensor, Tensor]]
-"""(output (member, sample, output), target, weight (member, sample)) -> (loss (member,), its derivative by output).
+"""(output (member, sample, output), target, weight (member, sample)) -> (loss that is reported (member,), derivative by
+output of the loss that is trained). The two losses are the same but for `absolute_and_squared_error`.
 
 The loss of a member is the sum over its samples of weight times the sample's loss; weights of 1/B make it the mean."""
 
@@ -40,15 +41,16 @@ def absolute_and_squared_error(
     target: Float[Tensor, "member sample output"],
     weight: Float[Tensor, "member sample"],
 ) -> tuple[Float[Tensor, " member"], Float[Tensor, "member sample output"]]:
-    """Return the sum of the mean absolute and the mean squared error over dimensions, and its derivative.
+    """Return the mean squared error over dimensions, and the derivative of its sum with the mean absolute error.
 
-    The absolute error goes on pulling where errors are small, which long rollouts need; the squared error does not give
-    up on the rare large ones, at the walls (docs/decisions/0003-losses.md has the figures).
+    The value is the one that `reported_loss` names, so that losses in training and in validation are of one unit. The
+    absolute error goes on pulling where errors are small, which long rollouts need; the squared error does not give up
+    on the rare large ones, at the walls (docs/decisions/0003-losses.md has the figures).
     """
     error = output - target
     share = weight.unsqueeze(-1) / output.shape[-1]
     derivative = (2.0 * error + error.sign()) * share
-    return ((error.square() + error.abs()) * share).sum(dim=(1, 2)), derivative
+    return (error.square() * share).sum(dim=(1, 2)), derivative
 
 
 def cross_entropy(

@@ -66,6 +66,11 @@ def test_the_ensembles_of_all_seeds_come_in_every_mode_the_delivered_seed_first(
     found = ensemble_candidates(ensembles)
     assert [each.name for each in found] == [f"ensemble/{mode}/seed-{seed}" for mode in MODES for seed in (3, 1)]
     assert {each.parameters for each in found} == {2 * (343 * 8 + 9 * 311) + 343 * 4 + 5 * 2}
+    addressing, member = 342 * 4 + 4 * 2, 342 * 8 + 8 * 311
+    costs = {each.group: each.multiply_adds for each in found}
+    assert costs["ensemble/argmax"] == costs["ensemble/sample"] == addressing + member
+    assert costs["ensemble/mixture"] == addressing + 2 * member + 2 * 311
+    assert costs["ensemble/blend"] == addressing + 2 * member + 2 * (8 + 311)
     assert len({each.label for each in found}) == len(MODES)
 
 
@@ -94,6 +99,8 @@ def test_baselines_have_the_names_they_were_trained_under_and_predict_in_their_o
     pfnn = MotionModel.load(models / "baselines" / "phase_functioned" / "seed-3")
     assert torch.equal(found[0].predictor(X, PHASE), pfnn.predict(X, phase=PHASE))
     assert found[0].parameters == 4 * (343 * 8 + 9 * 311)
+    assert found[0].multiply_adds == 4 * (342 * 8 + 8 * 311) + 4 * (8 + 311)
+    assert found[1].multiply_adds == 342 * 8 + 8 * 311
 
 
 def test_a_folder_that_lacks_models_is_refused(models: Path) -> None:
@@ -109,6 +116,7 @@ def test_references_need_no_training_and_are_the_same_for_all_seeds() -> None:
     found = reference_candidates(MOTION, make_motion(24, seed=1), None)
     assert [(each.name, each.seed) for each in found] == [("mean", None), ("persistence", None), ("ridge", None)]
     assert [each.parameters for each in found] == [311, 311, 343 * 311]
+    assert [each.multiply_adds for each in found] == [None, None, 342 * 311]
     mean = mean_outputs(MOTION.y.mean(axis=0, dtype=np.float64))
     assert torch.equal(found[0].predictor(X, PHASE), mean(X, PHASE))
 

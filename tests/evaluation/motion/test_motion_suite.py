@@ -109,6 +109,7 @@ def test_every_candidate_is_measured_on_every_split_and_in_the_closed_loop(
         result = report["candidates"][each.name]
         assert (result["group"], result["seed"], result["label"]) == (each.group, each.seed, each.label)
         assert result["parameters"] == each.parameters
+        assert result["multiply_adds"] == each.multiply_adds
         assert {split: errors["rows"] for split, errors in result["one_step"].items()} == {"test": 30, "rows": 5}
         assert result["closed_loop"]["run"]["seconds"] == 3.0
         assert 0.0 <= result["closed_loop"]["score"] <= 1.0

@@ -47,6 +47,8 @@ def test_baselines_are_candidates_with_their_size_and_the_pair_is_none(tmp_path:
     assert [each.label for each in found] == labels
     network = (5 + 1) * 16 + (16 + 1) * 8 + (8 + 1) * 2
     assert [each.parameters for each in found] == [network, 3 * network + (5 + 1) * 12 + (12 + 1) * 3]
+    products = 5 * 16 + 16 * 8 + 8 * 2
+    assert [each.multiply_adds for each in found] == [products, products + 5 * 12 + 12 * 3]
 
 
 @pytest.mark.parametrize(
@@ -54,7 +56,7 @@ def test_baselines_are_candidates_with_their_size_and_the_pair_is_none(tmp_path:
     [
         ("wide", (5, 512, 512, 512, 2), "one network, relu 512 × 512 × 512"),
         ("small", (5, 2), "one linear map"),
-        ("total_parameters", (5, 90, 90, 2), "one network, as many parameters"),
+        ("total_parameters", (5, 90, 90, 2), "one network, as many parameters as the members together"),
         ("paper_recipe", (5, 16, 2), "ensemble, the paper's recipe"),
         ("default_recipe", (5, 16, 2), "ensemble, the default recipe"),
     ],
@@ -105,5 +107,6 @@ def test_a_candidate_that_is_given_more_frames_than_the_delivered_model_is_refus
     single, other = baseline_candidates(folder)
     points = Points.of(WORLD, untrained_model(WORLD, 2).features)
     assert evaluate_candidate(single, points, "mse")["parameters"] == single.parameters
+    assert evaluate_candidate(single, points, "mse")["multiply_adds"] == single.multiply_adds is not None
     with pytest.raises(EvaluationError, match=r"delivered model, 1, but 'paper_recipe/seed-0' is given 4"):
         evaluate_candidate(other, points, "mse")

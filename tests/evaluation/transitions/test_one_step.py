@@ -153,3 +153,4 @@ def test_every_mode_seed_and_variant_is_a_candidate_and_the_argmax_is_what_the_t
     expected = float(scaled_losses(averaged, POINTS, "mse").mean())
     assert mean["one_step"]["scaled"]["mean"] == pytest.approx(expected, rel=1e-5)
     assert mean["parameters"] == 3 * MODEL.ensemble.parameters_per_member
+    assert mean["multiply_adds"] == MODEL.ensemble.multiply_adds()

@@ -14,12 +14,14 @@ from motion_report_examples import (
     candidate,
     data_json,
     evaluation,
+    example,
     origin,
     split_addressing,
     write_results,
 )
 
 from addressed_dynamics.reporting.common.blocks import Report, Table, Text
+from addressed_dynamics.reporting.common.comparison import Effort
 from addressed_dynamics.reporting.common.render import render_html, render_markdown
 from addressed_dynamics.reporting.motion.document import (
     addressing_blocks,
@@ -31,6 +33,7 @@ from addressed_dynamics.reporting.motion.figures.closed_loop import told
 from addressed_dynamics.reporting.motion.figures.films import write_motion_scene
 from addressed_dynamics.reporting.motion.loop_tables import loop_table
 from addressed_dynamics.reporting.motion.recorded import MotionData, data_blocks
+from addressed_dynamics.reporting.motion.records import MotionEvaluation
 from addressed_dynamics.reporting.motion.results import MotionResults, load_motion_results
 from addressed_dynamics.reporting.motion.tables import one_step_table
 from addressed_dynamics.reporting.motion.targets import judge_targets
@@ -134,9 +137,23 @@ def test_copies_in_the_source_are_told() -> None:
 def test_medians_over_seeds_have_their_spread() -> None:
     found = evaluation(more_seeds=[candidate(OWN, 1, raw=0.4), candidate(OWN, 2, raw=0.3)])
     row = next(row for row in one_step_table(found, {}).rows if row.kind == "own")
-    assert row.cells[3] == "0.300 (0.200 – 0.400)"
+    assert row.cells[5] == "0.300 (0.200 – 0.400)"
     row = next(row for row in loop_table(found).rows if row.kind == "own")
     assert row.cells[2] == "3 of 3"
+
+
+def test_candidates_have_their_costs_in_the_table_and_what_is_unknown_is_a_dash() -> None:
+    document = example()
+    document["candidates"]["ensemble/argmax/seed-0"]["multiply_adds"] = 5678
+    found = MotionEvaluation.model_validate(document)
+    table = one_step_table(found, {"ensemble": Effort(2601, 41600), "phase_functioned": Effort(2601, None)})
+    assert [column.header for column in table.columns[1:5]] == [
+        "parameters", "updates", "samples seen", "multiply-adds a step"
+    ]  # fmt: skip
+    rows = {row.cells[0]: row.cells[1:5] for row in table.rows}
+    assert rows[found.own.label] == ("1,234", "2,601", "41,600", "5,678")
+    assert rows["PFNN, trained here"] == ("1,234", "2,601", "–", "–")
+    assert rows["ridge regression"] == ("1,234", "–", "–", "–")
 
 
 def test_the_headline_holds_ours_and_pfnn(results: MotionResults) -> None:

@@ -22,6 +22,7 @@ from report_examples import (
 from addressed_dynamics.base.errors import ReportError
 from addressed_dynamics.features.transitions.spec import Angle
 from addressed_dynamics.reporting.common.blocks import Figure, Table
+from addressed_dynamics.reporting.common.comparison import Effort
 from addressed_dynamics.reporting.common.figures.histograms import loss_histograms, output_histograms
 from addressed_dynamics.reporting.common.figures.specialisation import mean_losses, samples_by_member
 from addressed_dynamics.reporting.common.paper import PAPER, AngleFigures
@@ -178,12 +179,18 @@ def test_the_spread_over_seeds_of_both_sides_is_in_the_sentence_and_in_a_table()
     ours = "2.0\u202f×\u202f10⁻⁷ (3 seeds: 1.0\u202f×\u202f10⁻⁷ to 3.0\u202f×\u202f10⁻⁷)"
     theirs = "2.0\u202f×\u202f10⁻⁶ (3 seeds: 1.0\u202f×\u202f10⁻⁶ to 3.0\u202f×\u202f10⁻⁶)"
     assert f"one step ahead {ours} against {theirs}: lower; in rollouts lower for all 6 dimensions." in said(found)
-    seeds = specialists_table(Evaluation.model_validate(found))
+    efforts = {"ensemble": Effort(77, 4928), "total_parameters/seed-2": Effort(77, None)}
+    found["candidates"]["ensemble/argmax/seed-1"]["multiply_adds"] = 5678
+    seeds = specialists_table(Evaluation.model_validate(found), efforts)
     assert isinstance(seeds, Table)
     titles = [*(f"seed {seed}" for seed in range(3)), "lowest to highest"]
     expected = [f"{model}, {title}" for model in ("8 specialists", "one network") for title in titles]
     assert [row.cells[0] for row in seeds.rows] == expected
-    assert [row.cells[2] for row in seeds.rows if row.kind] == [
+    assert seeds.rows[0].cells[1:5] == ("1,234", "77", "4,928", "–")
+    assert seeds.rows[1].cells[1:5] == ("1,234", "77", "4,928", "5,678")
+    assert seeds.rows[5].cells[1:5] == ("1,234", "–", "–", "–")
+    assert seeds.rows[6].cells[1:5] == ("1,234", "77", "–", "–")
+    assert [row.cells[5] for row in seeds.rows if row.kind] == [
         "1.0\u202f×\u202f10⁻⁷ – 3.0\u202f×\u202f10⁻⁷",
         "1.0\u202f×\u202f10⁻⁶ – 3.0\u202f×\u202f10⁻⁶",
     ]
@@ -192,7 +199,7 @@ def test_the_spread_over_seeds_of_both_sides_is_in_the_sentence_and_in_a_table()
 def test_without_one_network_of_the_same_size_there_is_no_such_table() -> None:
     found = document()
     del found["candidates"]["total_parameters/seed-0"]
-    assert specialists_table(Evaluation.model_validate(found)) is None
+    assert specialists_table(Evaluation.model_validate(found), {}) is None
     assert "specialists" not in said(found)
 
 

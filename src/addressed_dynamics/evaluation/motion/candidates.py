@@ -12,6 +12,7 @@ import torch
 from addressed_dynamics.episodes.motion import Motion
 from addressed_dynamics.evaluation.motion.baselines import mean_outputs, persistence_plus_velocity
 from addressed_dynamics.evaluation.motion.predictor import MotionPredictor
+from addressed_dynamics.networks.addressing import multiply_adds_a_step
 from addressed_dynamics.networks.files import read_index
 from addressed_dynamics.networks.ridge import fit_ridge
 from addressed_dynamics.simulators.modes import MODES, Mode
@@ -23,7 +24,7 @@ BASELINE_LABELS = {
     "phase_functioned": "PFNN, trained here",
     "learned_blend": "parameters mixed by a gate (as MANN)",
     "same_size": "one network, as large as a member",
-    "total_parameters": "one network, as many parameters",
+    "total_parameters": "one network, as many parameters as the members together",
     "paper_recipe": "ensemble, the paper's recipe",
     "default_recipe": "ensemble, the default recipe",
 }
@@ -46,6 +47,8 @@ class MotionCandidate:
     """Parameters of all its networks, that of the addressing network included."""
     predictor: MotionPredictor
     """One step ahead."""
+    multiply_adds: int | None = None
+    """Multiply-adds of one prediction, with those of the addressing network; None if unknown."""
 
     @property
     def name(self) -> str:
@@ -78,7 +81,7 @@ def baseline_candidates(folder: Path) -> list[MotionCandidate]:
     for key in read_index(folder, "baselines.json")["trained"]:
         name, seed = key.split("/seed-")
         model = MotionModel.load(folder / key)
-        candidates.append(MotionCandidate(name, int(seed), BASELINE_LABELS[name], model.parameters, model.predictor()))
+        candidates.append(_trained(name, int(seed), BASELINE_LABELS[name], model))
     return candidates
 
 
@@ -99,15 +102,24 @@ def reference_candidates(train: Motion, validation: Motion, released: Path | Non
     candidates = [
         MotionCandidate("mean", None, "mean of the training frames", mean.size, mean_outputs(mean)),
         MotionCandidate("persistence", None, "persistence and velocity", mean.size, persistence_plus_velocity(mean)),
-        MotionCandidate("ridge", None, "ridge regression", ridge.weight.numel() + ridge.bias.numel(), ridge),
+        MotionCandidate(
+            "ridge", None, "ridge regression", ridge.weight.numel() + ridge.bias.numel(), ridge, ridge.weight.numel()
+        ),
     ]
     if released is not None:
         model = MotionModel.load_released(released)
-        candidates.append(MotionCandidate("released", None, "PFNN, as published", model.parameters, model.predictor()))
+        candidates.append(_trained("released", None, "PFNN, as published", model))
     return candidates
 
 
 def _addressed(model: MotionModel, mode: Mode, seed: int) -> MotionCandidate:
     generator = torch.Generator().manual_seed(SAMPLING_SEED) if mode == "sample" else None
     predictor = model.predictor(mode, generator=generator)
-    return MotionCandidate(f"{ENSEMBLE}/{mode}", seed, f"ensemble, {mode} addressing", model.parameters, predictor)
+    cost = multiply_adds_a_step(model.networks, model.addressing, mode)
+    label = f"ensemble, {mode} addressing"
+    return MotionCandidate(f"{ENSEMBLE}/{mode}", seed, label, model.parameters, predictor, cost)
+
+
+def _trained(group: str, seed: int | None, label: str, model: MotionModel) -> MotionCandidate:
+    cost = multiply_adds_a_step(model.networks, model.addressing, model.mode)
+    return MotionCandidate(group, seed, label, model.parameters, model.predictor(), cost)

@@ -98,6 +98,7 @@ def evaluate_motion(
             "seed": each.seed,
             "label": each.label,
             "parameters": each.parameters,
+            "multiply_adds": each.multiply_adds,
             "one_step": _one_step(each, data.held_out, deviation),
             "closed_loop": _judged(traces[each.name], chosen_by.get(each.name), reference),
         }

@@ -12,6 +12,7 @@ from addressed_dynamics.base.errors import ModelError
 from addressed_dynamics.base.params.training import AddressingTraining, EnsembleParams
 from addressed_dynamics.evaluation.transitions.one_step import Predictor
 from addressed_dynamics.features.transitions.spec import FeatureSpec
+from addressed_dynamics.networks.addressing import multiply_adds_a_step
 from addressed_dynamics.networks.files import SavedNetwork, load_network, read_index
 from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.simulators.addressed import AddressedDynamics
@@ -38,6 +39,8 @@ class Candidate:
     """For rollouts; None if it needs the truth."""
     mode: Mode
     """Addressing mode of its rollouts."""
+    multiply_adds: int | None = None
+    """Multiply-adds of one prediction, with those of the addressing network, if it is used; None if unknown."""
 
 
 def ensemble_candidates(models: dict[int, dict[str, AddressedDynamics]], delivered: dict[int, str]) -> list[Candidate]:
@@ -62,6 +65,7 @@ def ensemble_candidates(models: dict[int, dict[str, AddressedDynamics]], deliver
             lambda observation, action: best.decode(best.member_outputs(observation, action).mean(dim=0), observation),
             None,
             "argmax",
+            best.ensemble.multiply_adds(),
         )
     )
     for seed in others:
@@ -71,7 +75,7 @@ def ensemble_candidates(models: dict[int, dict[str, AddressedDynamics]], deliver
 
 
 BASELINE_LABELS = {
-    "total_parameters": "one network, as many parameters",
+    "total_parameters": "one network, as many parameters as the members together",
     "unequal_bins": "ensemble without equal bins",
     "random_bins": "ensemble with random bins",
     "paper_recipe": "ensemble, the paper's recipe",
@@ -177,4 +181,5 @@ def _addressed(name: str, label: str, model: AddressedDynamics, mode: Mode) -> C
     def predict(observation: Tensor, action: Tensor) -> Tensor:
         return model.predict(observation, action, mode, generator=torch.Generator().manual_seed(0))
 
-    return Candidate(name, label, parameters, predict, model, mode)
+    cost = multiply_adds_a_step(model.ensemble, model.addressing, mode)
+    return Candidate(name, label, parameters, predict, model, mode, cost)

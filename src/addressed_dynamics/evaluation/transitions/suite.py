@@ -118,15 +118,24 @@ def evaluate_candidate(candidate: Candidate, points: Points, loss: str) -> dict[
         )
         raise EvaluationError(message)
     errors = one_step_errors(predict_all(candidate.predictor, points), points, loss)
-    return {"label": candidate.label, "parameters": candidate.parameters, "one_step": errors}
+    return {
+        "label": candidate.label,
+        "parameters": candidate.parameters,
+        "multiply_adds": candidate.multiply_adds,
+        "one_step": errors,
+    }
 
 
 def evaluate_oracle(model: AddressedDynamics, points: Points, loss: str) -> dict[str, Any]:
     """Return the same for the ensemble with the best member always picked: what addressing could reach."""
     members = member_losses(model, points, loss)
     errors = one_step_errors(_decoded(model, points, members, members.losses.argmin(dim=0)), points, loss)
-    parameters = model.ensemble.parameters_total
-    return {"label": "ensemble, best member (oracle)", "parameters": parameters, "one_step": errors}
+    return {
+        "label": "ensemble, best member (oracle)",
+        "parameters": model.ensemble.parameters_total,
+        "multiply_adds": model.ensemble.multiply_adds(),
+        "one_step": errors,
+    }
 
 
 def evaluate_candidates(

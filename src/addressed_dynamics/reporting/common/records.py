@@ -167,6 +167,8 @@ class CandidateResult(Record):
 
     label: str
     parameters: int
+    multiply_adds: int | None = None
+    """Of one prediction, addressing included; None if unknown, as in results of earlier versions."""
     one_step: OneStepResult
     rollouts: RolloutResult | None = None
 

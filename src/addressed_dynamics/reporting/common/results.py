@@ -65,7 +65,7 @@ class Results:
     evaluation: Evaluation
     addressing: AddressingTrainings
     baselines: dict[str, dict[str, float]]
-    """baselines.json: last metrics of each baseline, with `parameters` and `updates`."""
+    """baselines.json: last metrics of each baseline, with `parameters`, `updates` and, if known, `samples`."""
     learner: Mapping[str, Columns]
     """learner.csv by segment: every finished episode with its `return`."""
     ensemble_curves: Mapping[str, Columns]

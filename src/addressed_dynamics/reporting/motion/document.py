@@ -5,6 +5,7 @@ from __future__ import annotations
 from statistics import median
 
 from addressed_dynamics.reporting.common.blocks import Block, Links, Report, Section, Text
+from addressed_dynamics.reporting.common.comparison import baseline_efforts, ensemble_effort
 from addressed_dynamics.reporting.common.figures import curves, histograms, specialisation
 from addressed_dynamics.reporting.common.records import BaselineLosses
 from addressed_dynamics.reporting.motion import loop_tables, tables
@@ -16,7 +17,6 @@ from addressed_dynamics.reporting.motion.records import ENSEMBLE, MotionEvaluati
 from addressed_dynamics.reporting.motion.results import MotionResults
 from addressed_dynamics.reporting.motion.targets import judge_targets, target_table
 from addressed_dynamics.reporting.motion.verdict import findings, verdict
-from addressed_dynamics.training.epochs import updates_per_epoch
 
 WORDS = specialisation.Words(held_out="held-out clips", scaled="normalised outputs")
 """What samples and losses of motion are called."""
@@ -108,17 +108,11 @@ def _loop_blocks(results: MotionResults) -> tuple[Block, ...]:
 
 def _one_step_blocks(results: MotionResults, origin: MotionOrigin) -> tuple[Block, ...]:
     evaluation = results.evaluation
-    updates = {
-        name.partition("/seed-")[0]: int(metrics["updates"])
-        for name, metrics in results.baselines.items()
-        if "updates" in metrics
-    }
+    efforts = {name.partition("/seed-")[0]: each for name, each in baseline_efforts(results.baselines).items()}
     if "train" in evaluation.splits:
-        recipe = origin.ensemble
-        per_epoch = updates_per_epoch(evaluation.splits["train"], recipe.members, recipe.batch_size)
-        updates[ENSEMBLE] = recipe.epochs * per_epoch
+        efforts[ENSEMBLE] = ensemble_effort(origin.ensemble, evaluation.splits["train"])
     return (
-        tables.one_step_table(evaluation, updates),
+        tables.one_step_table(evaluation, efforts),
         tables.block_table(evaluation),
         one_step.joint_errors(evaluation),
         one_step.frames_over_time(evaluation, results.arrays),

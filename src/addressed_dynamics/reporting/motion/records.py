@@ -114,6 +114,8 @@ class Candidate(Record):
     seed: int | None
     label: str
     parameters: int
+    multiply_adds: int | None = None
+    """Of one prediction, addressing included; None if unknown, as in results of earlier versions."""
     one_step: dict[str, OneStep]
     """By split."""
     closed_loop: ClosedLoop

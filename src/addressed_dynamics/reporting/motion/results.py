@@ -61,7 +61,7 @@ class MotionResults:
     evaluation: MotionEvaluation
     addressing: AddressingTrainings
     baselines: dict[str, dict[str, float]]
-    """baselines.json: last metrics of each baseline, with `parameters` and `updates`."""
+    """baselines.json: last metrics of each baseline, with `parameters`, `updates` and, if known, `samples`."""
     ensemble_curves: Mapping[str, Columns]
     addressing_curves: Mapping[str, Columns]
     arrays: MotionArrays

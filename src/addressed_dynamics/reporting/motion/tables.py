@@ -7,6 +7,7 @@ from statistics import median
 
 from addressed_dynamics.episodes.layout import FRAME_RATE
 from addressed_dynamics.reporting.common.blocks import Column, Row, Table
+from addressed_dynamics.reporting.common.comparison import COST_COLUMNS, COSTS, Effort, cost_cells
 from addressed_dynamics.reporting.common.numbers import MISSING, count, percent, significant
 from addressed_dynamics.reporting.motion.models import OWN, UNTRAINED, main_models, model_style
 from addressed_dynamics.reporting.motion.paper import PAPER_OWN, PAPER_PFNN, PAPER_ROWS
@@ -17,26 +18,25 @@ LEAKY = "rows"
 """The split whose frames are near copies of what was trained on."""
 
 
-def one_step_table(evaluation: MotionEvaluation, updates: Mapping[str, int]) -> Table:
-    """Return the errors of all candidates one step ahead, on every held-out split.
+def one_step_table(evaluation: MotionEvaluation, efforts: Mapping[str, Effort]) -> Table:
+    """Return the costs and the errors of all candidates one step ahead, on every held-out split.
 
     Args:
         evaluation: what was measured.
-        updates: of the predicting networks, by group.
+        efforts: how long each group was trained, and the ensemble as `ensemble`.
     """
     splits = evaluation.held_out
     titles = [f"{SPLITS.get(split, split)}{' (near copies)' * (split == LEAKY)}" for split in splits]
     columns = (
         Column("Model", numeric=False),
-        Column("parameters"),
-        Column("updates"),
+        *COST_COLUMNS,
         *(Column(name, f"MAE, {title}") for title in titles for name in ("raw", "normalised")),
     )
     rows = []
     for name, group in evaluation.groups.items():
         own = name.startswith(f"{ENSEMBLE}/")
-        steps = updates.get(ENSEMBLE if own else name)
-        cells = [group[0].label, count(group[0].parameters), MISSING if steps is None else count(steps)]
+        effort = efforts.get(ENSEMBLE if own else name)
+        cells = [group[0].label, *cost_cells(group[0].parameters, effort, group[0].multiply_adds)]
         for split in splits:
             cells += [
                 _spread([getattr(each.one_step[split], unit) for each in group]) for unit in ("raw", "normalised")
@@ -56,8 +56,8 @@ def one_step_table(evaluation: MotionEvaluation, updates: Mapping[str, int]) -> 
         f"of each output's deviation. Frames: {sizes}. Only held-out clips tell what a model makes of motion that it "
         "has not seen: held-out frames lie between two frames that it was trained on, 1/60 s apart, and an error on "
         f"them is also one of memory. The paper's figures are those of {PAPER_ROWS:,} such frames of other data, in a "
-        "unit that it does not state. Parameters include the addressing network where one is used; updates are those "
-        f"of the predicting networks{'; with several seeds, the median, and the lowest and the highest' * several}."
+        f"unit that it does not state. {COSTS}"
+        f"{'; with several seeds, the errors are the median, and the lowest and the highest' * several}."
     )
     return Table(caption, columns, tuple(rows))
 
@@ -173,10 +173,10 @@ def _spread(values: Sequence[float]) -> str:
 
 def _paper_row(title: str, error: float, splits: Sequence[str]) -> Row:
     cells = [cell for split in splits for cell in ((f"{error:g}" if split == LEAKY else MISSING), MISSING)]
-    return Row((title, MISSING, MISSING, *cells), "reference")
+    return Row((title, *[MISSING] * len(COST_COLUMNS), *cells), "reference")
 
 
 def _short(group: str) -> str:
     title = model_style(group)[0]
-    short = {OWN: "ensemble", "PFNN, trained here": "PFNN", "one network, as many parameters": "one network"}
+    short = {OWN: "ensemble", "PFNN, trained here": "PFNN", "one network, as large as all members": "one network"}
     return short.get(title, {"parameters mixed by a gate": "gate"}.get(title, title))

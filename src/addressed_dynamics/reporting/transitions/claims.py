@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from statistics import mean
 
 from addressed_dynamics.reporting.common.blocks import Column, Row, Table
+from addressed_dynamics.reporting.common.comparison import COST_COLUMNS, COSTS, Effort, cost_cells
 from addressed_dynamics.reporting.common.numbers import MISSING, power_of_ten, scientific
 from addressed_dynamics.reporting.common.paper import AngleFigures
 from addressed_dynamics.reporting.common.records import CandidateResult, DimensionResult, Evaluation
@@ -51,10 +53,10 @@ def _error_row(title: str, found: list[DimensionResult], stated: str, kind: str)
     return Row((title, found[0].unit, stated, *map(scientific, cells)), kind)
 
 
-def specialists_table(evaluation: Evaluation) -> Table | None:
+def specialists_table(evaluation: Evaluation, efforts: Mapping[str, Effort]) -> Table | None:
     """Return the errors of hard addressing and of one network of as many parameters, from every seed; None without it.
 
-    The spread over the seeds of each follows in the last two rows.
+    The spread over the seeds of each follows in the last two rows. `efforts`: as `tables.one_step_table` has them.
     """
     single = evaluation.baseline("total_parameters")
     if not single or len(evaluation.table.members) < 2:
@@ -62,7 +64,7 @@ def specialists_table(evaluation: Evaluation) -> Table | None:
     names = list(evaluation.own.rollouts.all.mse) if evaluation.own.rollouts else []
     columns = (
         Column("Model", numeric=False),
-        Column("parameters"),
+        *COST_COLUMNS,
         Column("mean", f"one step, {evaluation.loss.upper()} of scaled states"),
         Column("median", f"one step, {evaluation.loss.upper()} of scaled states"),
         *(Column(name, "rollouts, median MSE") for name in names),
@@ -75,12 +77,15 @@ def specialists_table(evaluation: Evaluation) -> Table | None:
     ):
         errors = [_errors(each, names) for each in group]
         for seed, candidate, row in zip(seeds, group, errors, strict=True):
-            rows.append(Row((f"{title}, seed {seed}", f"{candidate.parameters:,}", *map(scientific, row)), ""))
+            effort = efforts.get("ensemble" if kind == "own" else f"total_parameters/seed-{seed}")
+            costs = cost_cells(candidate.parameters, effort, candidate.multiply_adds)
+            rows.append(Row((f"{title}, seed {seed}", *costs, *map(scientific, row)), ""))
         spreads = [_spread([row[place] for row in errors]) for place in range(len(errors[0]))]
-        rows.append(Row((f"{title}, lowest to highest", "", *spreads), kind))
+        rows.append(Row((f"{title}, lowest to highest", *[""] * len(COST_COLUMNS), *spreads), kind))
     caption = (
-        f"Hard addressing of {specialists} beside one network of as many parameters that was trained as long: every "
-        f"seed of both ({len(evaluation.own_seeds)} and {len(single)}), on the same held-out episodes."
+        f"Hard addressing of {specialists} beside one network of as many parameters as these have together, that was "
+        f"trained for as many updates: every seed of both ({len(evaluation.own_seeds)} and {len(single)}), on the same "
+        f"held-out episodes. {COSTS}."
     )
     return Table(caption, columns, tuple(rows))
 

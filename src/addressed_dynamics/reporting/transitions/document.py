@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from addressed_dynamics.reporting.common.blocks import Block, Links, Report, Section, Text
+from addressed_dynamics.reporting.common.comparison import Effort, baseline_efforts, ensemble_effort
 from addressed_dynamics.reporting.common.figures import curves, histograms, specialisation
 from addressed_dynamics.reporting.common.numbers import listed, percent, scientific
 from addressed_dynamics.reporting.common.paper import CITATION, PaperFigures
@@ -17,7 +18,6 @@ from addressed_dynamics.reporting.transitions.origin import Origin, run_facts
 from addressed_dynamics.reporting.transitions.quality import quality_blocks
 from addressed_dynamics.reporting.transitions.recipes import recipes_table
 from addressed_dynamics.reporting.transitions.verdict import findings, verdict
-from addressed_dynamics.training.epochs import updates_per_epoch
 
 
 def build_report(results: Results, origin: Origin, paper: PaperFigures | None) -> Report:
@@ -41,7 +41,7 @@ def build_report(results: Results, origin: Origin, paper: PaperFigures | None) -
         Section("One step ahead", _one_step_blocks(results, origin, paper)),
         Section("Rollouts", _rollout_blocks(results, origin, paper)),
         Section("The two recipes", (both,) if (both := recipes_table(evaluation, origin.settings)) else ()),
-        Section("Seeds", _seed_blocks(results)),
+        Section("Seeds", _seed_blocks(results, origin)),
         Section("Training", _training_blocks(results)),
         Section("Runs", (Links("Runs in MLflow that made these models", origin.runs),) if origin.runs else ()),
         Section("Source", (Text((CITATION,)),)),
@@ -147,19 +147,21 @@ def _specialisation_blocks(results: Results, paper: PaperFigures | None) -> tupl
 
 def _one_step_blocks(results: Results, origin: Origin, paper: PaperFigures | None) -> tuple[Block, ...]:
     features, evaluation = origin.features, results.evaluation
-    updates = {name: int(metrics["updates"]) for name, metrics in results.baselines.items() if "updates" in metrics}
-    recipe, train = origin.ensemble, results.data.splits.get("train")
-    if train:
-        per_epoch = updates_per_epoch(train.transitions, recipe.members, recipe.batch_size)
-        updates["ensemble"] = recipe.epochs * per_epoch
     stated = (claims_table(evaluation, paper.angles),) if paper and paper.angles else ()
     return (
         *stated,
-        tables.one_step_table(evaluation, updates, paper),
+        tables.one_step_table(evaluation, _efforts(results, origin), paper),
         comparison.candidates(evaluation, features.spaces.observation),
         episodes.one_step_prediction(results.arrays, features.spaces.observation, features.angles),
         *((angle_forms(features.angle_from),) if features.angles else ()),
     )
+
+
+def _efforts(results: Results, origin: Origin) -> dict[str, Effort]:
+    """Return how long each baseline was trained, and the ensemble as `ensemble`."""
+    train = results.data.splits.get("train")
+    own = {"ensemble": ensemble_effort(origin.ensemble, train.transitions)} if train else {}
+    return baseline_efforts(results.baselines) | own
 
 
 def _rollout_blocks(results: Results, origin: Origin, paper: PaperFigures | None) -> tuple[Block, ...]:
@@ -180,8 +182,8 @@ def _rollout_blocks(results: Results, origin: Origin, paper: PaperFigures | None
     )
 
 
-def _seed_blocks(results: Results) -> tuple[Block, ...]:
-    beside_one = specialists_table(results.evaluation)
+def _seed_blocks(results: Results, origin: Origin) -> tuple[Block, ...]:
+    beside_one = specialists_table(results.evaluation, _efforts(results, origin))
     seeds = tables.seed_table(results.evaluation, results.addressing.delivered)
     return (seeds, *([beside_one] if beside_one else []))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from addressed_dynamics.reporting.common.blocks import Column, Row, Table
+from addressed_dynamics.reporting.common.comparison import COST_COLUMNS, COSTS, Effort, cost_cells
 from addressed_dynamics.reporting.common.numbers import (
     MISSING,
     as_printed,
@@ -150,13 +151,18 @@ def confusion_table(table: AddressingResult) -> Table:
     return Table(caption, columns, tuple(rows))
 
 
-def one_step_table(evaluation: Evaluation, updates: Mapping[str, int], paper: PaperFigures | None) -> Table:
-    """Return the one-step errors of all candidates."""
+def one_step_table(evaluation: Evaluation, efforts: Mapping[str, Effort], paper: PaperFigures | None) -> Table:
+    """Return the costs and the one-step errors of all candidates.
+
+    Args:
+        evaluation: what was measured.
+        efforts: how long each baseline was trained, by its name, and the ensemble as `ensemble`.
+        paper: what the paper reports of these data; None if nothing.
+    """
     dimensions = evaluation.own.one_step.dimensions
     columns = (
         Column("Model", numeric=False),
-        Column("parameters"),
-        Column("updates"),
+        *COST_COLUMNS,
         *(Column(name, f"{evaluation.loss.upper()}, scaled states") for name in ("mean", "median", "p99", "max")),
         *(
             Column(f"{each.name}, {each.unit}" if each.unit else each.name, "mean absolute error")
@@ -166,16 +172,14 @@ def one_step_table(evaluation: Evaluation, updates: Mapping[str, int], paper: Pa
     rows = []
     for name, candidate in evaluation.candidates.items():
         scaled = candidate.one_step.scaled
-        steps = updates.get(name, updates.get("ensemble") if name.startswith("ensemble/") else None)
-        cells = [candidate.label, count(candidate.parameters), MISSING if steps is None else count(steps)]
+        effort = efforts.get("ensemble" if name.startswith("ensemble/") else name)
+        cells = [candidate.label, *cost_cells(candidate.parameters, effort, candidate.multiply_adds)]
         cells += map(scientific, (scaled.mean, scaled.median, scaled.p99, scaled.max))
         cells += [scientific(each.absolute.mean) for each in candidate.one_step.dimensions]
         rows.append(Row(tuple(cells), row_kind(name)))
     caption = (
         f"One step ahead, all candidates on the same {evaluation.test.transitions:,} held-out transitions. The first "
-        "line picks the best network with knowledge of the truth, so it bounds what addressing can reach. Parameters "
-        "include the addressing network where one is used; updates are those of the predicting networks, each update "
-        "with one batch for every network."
+        f"line picks the best network with knowledge of the truth, so it bounds what addressing can reach. {COSTS}."
     )
     if paper and paper.wide_network_fails and (wide := evaluation.baseline("wide")):
         caption += (

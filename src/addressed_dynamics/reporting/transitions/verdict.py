@@ -35,7 +35,10 @@ def verdict(evaluation: Evaluation, targets: Sequence[Target], paper: PaperFigur
     if single:
         subject = "It" if targets else "The model"
         relation = beats(compare(evaluation.own_seeds, single))
-        sentences.append(f"{subject} {relation} one network of the same size that was trained as long.")
+        sentences.append(
+            f"{subject} {relation} one network of as many parameters as its members together, trained for as many "
+            "updates."
+        )
     return " ".join(sentences) or "There is nothing to hold the model against."
 
 

@@ -113,9 +113,9 @@ def ensemble_training(curves: Mapping[str, Columns], words: Words = OF_STATES) -
     )
     caption = (
         "Phase 1, epoch by epoch (delivered seed; others in light grey). Training: mean loss of each network on its "
-        f"own bin, in the unit it trains on. Validation: mean loss of {words.scaled} under each sample's "
-        "best network; then each network apart, on the samples for which it is the best (solid) and on the others "
-        "(dotted). Last: share of training samples whose bin is another than in the epoch before."
+        f"own bin. Validation: under each sample's best network; then each network apart, on the samples for which it "
+        f"is the best (solid) and on the others (dotted). All losses are of {words.scaled}. Last: share of training "
+        "samples whose bin is another than in the epoch before."
     )
     return Figure(caption, panels)
 

@@ -163,8 +163,8 @@ def error_against_horizon(horizon: Mapping[str, Columns], dimensions: Sequence[D
     )
     caption = (
         "Error against horizon in free-running rollouts: median over all rollouts (line) and 10th to 90th percentile "
-        "(band, for the ensemble and the network of the same size), in the units of the state. The delivered model "
-        "and one of each baseline."
+        "(band, for the ensemble and the one network of as many parameters), in the units of the state. The delivered "
+        "model and one of each baseline."
     )
     return Figure(caption, panels)
 
