@@ -335,7 +335,8 @@ def origin(spaces: SpaceSpec = CAR, **changes: Any) -> Origin:
         "features": features_of(spaces),
         "ensemble": EnsembleParams.model_validate(EXAMPLE["ensemble"], strict=False),
         "addressing": AddressingParams.model_validate(EXAMPLE["addressing"], strict=False),
-        "runs": {"a run": "http://127.0.0.1:5000/#/runs/1"},
+        "runs": {"ensemble/seed-0": "0123456789abcdef"},
+        "experiment": "mountaincar",
     }
     return Origin(**values | changes)
 

@@ -14,6 +14,7 @@ import pytest
 
 from addressed_dynamics import tracking
 from addressed_dynamics.base.errors import TrackingError
+from addressed_dynamics.base.versions import output_digests
 
 LOCK = """
 schema: '2.0'
@@ -170,11 +171,10 @@ def test_without_a_server_training_goes_on_after_one_warning(
         with tracking.run(stage="s", experiment="down", name="n", params={}) as run:
             run.log({"loss/train": 1.0}, step=0)
             run.log_dataset("mountaincar", project)
-            run.write_run_id(project)
+            run.log_output(project)
     assert run.id is None
     assert run.url is None
     assert [record.levelno for record in caplog.records if record.name == tracking.__name__] == [logging.WARNING]
-    assert not (project / tracking.RUN_FILE).exists()
 
 
 def test_with_a_broken_store_training_goes_on_after_one_warning(
@@ -206,39 +206,88 @@ def test_importing_tracking_does_not_import_mlflow() -> None:
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
 
 
-def test_the_run_that_made_an_output_is_found_again(store: Path, tmp_path: Path) -> None:
+def write_output(folder: Path, text: str = "weights") -> str:
+    """Write one file into `folder` and return the folder's digest."""
+    folder.mkdir(parents=True)
+    (folder / "weights.safetensors").write_text(text)
+    return output_digests(folder)["."]
+
+
+def test_a_run_writes_nothing_into_its_output_and_is_found_by_its_digest(store: Path, tmp_path: Path) -> None:
+    digest, before = write_output(tmp_path / "seed-0"), sorted(tmp_path.rglob("*"))
     with tracking.run(stage="s", experiment="found", name="the name", params={}) as run:
-        run.write_run_id(tmp_path)
-    reference = tracking.read_run_id(tmp_path)
-    assert reference is not None
-    assert (reference.run_id, reference.name) == (run.id, "the name")
-    assert tracking.run_link(reference) == run.url
-    assert only_run(store, "found").info.run_id == run.id
+        run.log_output(tmp_path / "seed-0")
+    assert sorted(tmp_path.rglob("*")) == before
+    found = tracking.find_runs("found", [digest, "0" * 16])
+    assert list(found) == [digest]
+    assert (found[digest].run_id, found[digest].name) == (run.id, "the name")
+    assert tracking.run_link(found[digest]) == run.url
+    assert only_run(store, "found").data.tags["output"] == digest
 
 
-@pytest.mark.parametrize("text", ["", "[]", "{", '{"run_id": "1"}', "\x00"])
-def test_a_damaged_run_file_is_no_run(tmp_path: Path, text: str) -> None:
-    (tmp_path / tracking.RUN_FILE).write_text(text)
-    assert tracking.read_run_id(tmp_path) is None
+@pytest.mark.usefixtures("store")
+def test_a_run_of_several_outputs_is_found_by_each(tmp_path: Path) -> None:
+    digests = [write_output(tmp_path / part, part) for part in ("network", "addressing")]
+    with tracking.run(stage="s", experiment="several", name="n", params={}) as run:
+        run.log_output(tmp_path / "network")
+        run.log_output(tmp_path)
+    assert {digest: found.run_id for digest, found in tracking.find_runs("several", digests).items()} == {
+        digest: run.id for digest in digests
+    }
 
 
-@pytest.mark.parametrize("lock", [None, "", "stages: [", "stages: {}", "stages: {convert: {outs: [{path: 1}]}}"])
-def test_without_a_usable_dvc_lock_there_is_no_digest(project: Path, lock: str | None) -> None:
-    if lock is not None:
-        (project / "dvc.lock").write_text(lock)
-    assert tracking.data_digest(project / "data" / "tables" / "mountaincar") is None
+@pytest.mark.usefixtures("store")
+def test_of_runs_that_made_the_same_the_last_is_found(tmp_path: Path) -> None:
+    digest = write_output(tmp_path / "seed-0")
+    for name in ("first", "second"):
+        with tracking.run(stage="s", experiment="twice", name=name, params={}) as run:
+            run.log_output(tmp_path / "seed-0")
+    assert tracking.find_runs("twice", [digest])[digest].name == "second"
 
 
-def test_the_runs_that_made_a_model_folder_are_found_by_their_names(tmp_path: Path) -> None:
-    for name in ("b", "a"):
-        (tmp_path / name / "seed-0").mkdir(parents=True)
-        text = json.dumps({"run_id": f"id-{name}", "experiment_id": "7", "name": name})
-        (tmp_path / name / "seed-0" / tracking.RUN_FILE).write_text(text)
-    (tmp_path / "damaged").mkdir()
-    (tmp_path / "damaged" / tracking.RUN_FILE).write_text("{")
-    links = tracking.run_links(tmp_path)
-    assert list(links) == ["a", "b"]
-    assert links["a"] == tracking.run_link(tracking.RunReference("id-a", "7", "a"))
+def log_output_and_stop(experiment: str, folder: Path, stop: type[BaseException]) -> None:
+    with tracking.run(stage="s", experiment=experiment, name="n", params={}) as run:
+        run.log_output(folder)
+        raise stop
+
+
+@pytest.mark.parametrize("stop", [ZeroDivisionError, KeyboardInterrupt])
+def test_a_run_that_did_not_end_well_made_nothing(store: Path, tmp_path: Path, stop: type[BaseException]) -> None:
+    digest, experiment = write_output(tmp_path / "seed-0"), f"made nothing {stop.__name__}"
+    with pytest.raises(stop):
+        log_output_and_stop(experiment, tmp_path / "seed-0", stop)
+    assert tracking.find_runs(experiment, [digest]) == {}
+    assert "output" not in only_run(store, experiment).data.tags
+
+
+def test_a_run_that_was_never_closed_made_nothing(store: Path) -> None:
+    with tracking.run(stage="s", experiment="open", name="n", params={}) as run:
+        client(store).set_tag(run.id, "output", "0123456789abcdef")
+        assert tracking.find_runs("open", ["0123456789abcdef"]) == {}
+    assert list(tracking.find_runs("open", ["0123456789abcdef"])) == ["0123456789abcdef"]
+
+
+def test_an_output_without_files_costs_a_warning_and_no_tag(
+    store: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with tracking.run(stage="s", experiment="no files", name="n", params={}) as run:
+        run.log_output(tmp_path)
+    assert [record.levelno for record in caplog.records] == [logging.WARNING]
+    assert "output" not in only_run(store, "no files").data.tags
+
+
+def test_looking_for_runs_makes_no_store(project: Path) -> None:
+    assert tracking.find_runs("mountaincar", ["0123456789abcdef"]) == {}
+    assert not (project / ".mlflow").exists()
+
+
+def test_looking_for_runs_in_a_broken_store_costs_a_warning_and_finds_none(
+    project: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    (project / ".mlflow").mkdir()
+    (project / ".mlflow" / "mlflow.db").write_bytes(b"this is no database" * 1000)
+    assert tracking.find_runs("mountaincar", ["0123456789abcdef"]) == {}
+    assert len([record for record in caplog.records if record.name == tracking.__name__]) == 1
 
 
 def test_a_password_of_the_server_does_not_get_into_links(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,13 +12,12 @@ import json
 import logging
 import os
 import socket
-import subprocess
 import sys
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, final
@@ -27,11 +26,10 @@ from urllib.parse import urlsplit, urlunsplit
 import numpy as np
 from filelock import FileLock
 from jaxtyping import Float32
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
 
 from addressed_dynamics.base.errors import TrackingError
-from addressed_dynamics.base.files import write_json
+from addressed_dynamics.base.versions import code_changed, data_digest, git_commit, output_digests, project_root
+from addressed_dynamics.base.versions import code_version as code_version  # for stages that look for it here
 
 if TYPE_CHECKING:
     import torch
@@ -39,8 +37,8 @@ if TYPE_CHECKING:
 UI_PORT = 5000
 """Port on which `serve_ui` listens unless told otherwise, and which links in reports name."""
 
-RUN_FILE = "mlflow_run.json"
-"""Name of the file in a stage's output that says which run made it."""
+OUTPUT_TAG = "output"
+"""Tag of a finished run: the digests of what it made, with spaces between them, see `output_digests`."""
 
 OVERVIEW_COLUMNS = (
     "tags.`stage`",
@@ -100,6 +98,7 @@ class Run:
         self._reference = reference
         self._works = reference is not None
         self._buffer: list[Any] = []
+        self._digests: dict[str, None] = {}  # a set that keeps the order
         self._flushed = time.monotonic()
 
     @property
@@ -155,10 +154,23 @@ class Run:
         log = partial(self._log_model, module=module, input_example=input_example, name=name)
         self._attempt(f"the model {name}", log, give_up=False)
 
+    def log_output(self, folder: Path) -> None:
+        """Take the digests of what the run wrote into `folder`: its tag if it ends well, by which `find_runs` finds it.
+
+        Nothing is written there: an output that named its run would differ each time that it is made.
+        """
+        self._attempt(f"the digest of {folder}", lambda _: self._take_digests(folder), give_up=False)
+
     def write_run_id(self, folder: Path) -> None:
-        """Write `mlflow_run.json` into `folder`, so that the report finds the run also after a restore from cache."""
-        if self._reference is not None:
-            write_json(folder / RUN_FILE, asdict(self._reference))
+        """Do what `log_output` does, for stages that call it by its old name."""
+        self.log_output(folder)
+
+    def _take_digests(self, folder: Path) -> None:
+        digests = output_digests(folder).values()
+        if not digests:
+            message = "there are no files in it"
+            raise TrackingError(message)
+        self._digests |= dict.fromkeys(digests)
 
     def _log_dataset(self, run_id: str, name: str, path: Path, digest: str | None) -> None:
         from mlflow.entities import Dataset, DatasetInput, InputTag
@@ -210,6 +222,9 @@ class Run:
         self.flush()
         if self._reference is None:
             return
+        if self._digests and status == "FINISHED":
+            tag = " ".join(self._digests)
+            self._attempt("the digests", lambda run_id: self._client.set_tag(run_id, OUTPUT_TAG, tag))
         try:
             with _no_foreign_warnings():
                 self._client.set_terminated(self._reference.run_id, status)
@@ -256,24 +271,38 @@ def run(
     opened._close("FINISHED")
 
 
-def read_run_id(folder: Path) -> RunReference | None:
-    """Return the run that made the output `folder`, as its `mlflow_run.json` says; None without one."""
+def find_runs(experiment: str, digests: Iterable[str]) -> dict[str, RunReference]:
+    """Return the last run of `experiment` that made each of the outputs with these digests.
+
+    Only finished runs count: one that failed, was killed or was never closed made nothing that is still there.
+
+    Args:
+        experiment: name of the experiment.
+        digests: as in `output_digests`; one that no run made is left out.
+
+    Returns:
+        The runs by digest; nothing, and a warning, if the store cannot be read.
+    """
+    store = _store()
+    if store.folder is not None and not (store.folder / "mlflow.db").exists():
+        return {}
     try:
-        value = json.loads((folder / RUN_FILE).read_text(encoding="utf-8"))
-        return RunReference(str(value["run_id"]), str(value["experiment_id"]), str(value["name"]))
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
+        with _no_foreign_warnings():
+            _prepare_mlflow()
+            return _finished_runs(store.uri, experiment, digests)
+    except Exception as error:  # see Run._attempt
+        _warn(f"could not look for the runs of {experiment}", error)
+        return {}
+
+
+def run_links(folder: Path) -> dict[str, str]:
+    """Return `output_digests(folder)`, for stages that call it by its old name."""
+    return output_digests(folder)
 
 
 def run_link(reference: RunReference) -> str:
     """Return the address of a run's page: on the server of MLFLOW_TRACKING_URI, else where `serve_ui` shows it."""
     return f"{_ui_base()}/#/experiments/{reference.experiment_id}/runs/{reference.run_id}{_WORKFLOW}"
-
-
-def run_links(folder: Path) -> dict[str, str]:
-    """Return the page of every run that made something in `folder`, by the run's name."""
-    references = (read_run_id(file.parent) for file in sorted(folder.rglob(RUN_FILE)))
-    return {reference.name: run_link(reference) for reference in references if reference is not None}
 
 
 def experiment_link(experiment_id: str) -> str:
@@ -305,25 +334,6 @@ def serve_ui(port: int = UI_PORT) -> NoReturn:
     os.execve(sys.executable, command, environment)
 
 
-def code_version() -> str:
-    """Return the Git commit of the code, with a remark if the working tree differs from it; empty without Git."""
-    commit = _git("rev-parse", "HEAD")
-    return f"{commit}{', with changes' if _code_changed() else ''}" if commit else ""
-
-
-def data_digest(path: Path) -> str | None:
-    """Return the MD5 that `dvc.lock` has for the output at `path` (of its listing, for a folder); None without one."""
-    root = _project_root()
-    try:
-        wanted = path.resolve().relative_to(root).as_posix()
-        lock = YAML(typ="safe", pure=True).load((root / "dvc.lock").read_text(encoding="utf-8"))
-        outputs = (out for stage in lock["stages"].values() for out in stage.get("outs", []))
-        digests = [str(out["md5"]).removesuffix(".dir") for out in outputs if out["path"] == wanted]
-    except (OSError, ValueError, LookupError, TypeError, AttributeError, YAMLError):
-        return None
-    return digests[0] if digests else None
-
-
 @dataclass(frozen=True)
 class _Store:
     uri: str
@@ -334,15 +344,8 @@ class _Store:
 def _store() -> _Store:
     if uri := os.environ.get("MLFLOW_TRACKING_URI"):
         return _Store(uri, None)
-    folder = _project_root() / ".mlflow"
+    folder = project_root() / ".mlflow"
     return _Store(f"sqlite:///{folder / 'mlflow.db'}", folder)
-
-
-def _project_root() -> Path:
-    if root := os.environ.get("DVC_ROOT"):
-        return Path(root).resolve()
-    here = Path.cwd()
-    return next((folder for folder in (here, *here.parents) if (folder / ".dvc").is_dir()), here)
 
 
 def _ui_base() -> str:
@@ -416,6 +419,21 @@ def _experiment_tags(experiment_id: str) -> dict[str, str]:
     }
 
 
+def _finished_runs(uri: str, experiment: str, digests: Iterable[str]) -> dict[str, RunReference]:
+    from mlflow import MlflowClient
+
+    client = MlflowClient(uri)
+    kept = client.get_experiment_by_name(experiment)
+    if kept is None:
+        return {}
+    found = dict[str, RunReference]()
+    for digest in digests:
+        wanted = f"attributes.status = 'FINISHED' and tags.{OUTPUT_TAG} LIKE '%{digest}%'"
+        for run in client.search_runs([kept.experiment_id], wanted, max_results=1, order_by=["start_time DESC"]):
+            found[digest] = RunReference(run.info.run_id, kept.experiment_id, run.info.run_name)
+    return found
+
+
 def _create_run(
     client: Any, experiment_id: str, name: str, params: Mapping[str, Any], tags: Mapping[str, str]
 ) -> RunReference:
@@ -443,23 +461,10 @@ def _provenance(stage: str) -> dict[str, str]:
         tags["mlflow.user"] = getpass.getuser()
     if name := os.environ.get("DVC_EXP_NAME"):
         tags["dvc_experiment"] = name
-    if commit := _git("rev-parse", "HEAD"):
+    if commit := git_commit():
         tags |= {"git_commit": commit, "mlflow.source.git.commit": commit}
-        tags["git_dirty"] = "true" if _code_changed() else "false"
+        tags["git_dirty"] = "true" if code_changed() else "false"
     return tags
-
-
-def _code_changed() -> bool:
-    # What the pipeline itself rewrites while it runs says nothing about the code.
-    return bool(_git("status", "--porcelain", "--untracked-files=no", "--", ".", ":!dvc.lock", ":!data"))
-
-
-def _git(*arguments: str) -> str | None:
-    command = ["git", "-C", str(_project_root()), *arguments]
-    try:
-        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=20).stdout.strip()
-    except (OSError, subprocess.SubprocessError):
-        return None
 
 
 def _check_port(port: int) -> None:

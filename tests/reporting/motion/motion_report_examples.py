@@ -243,7 +243,8 @@ def origin(**changes: Any) -> MotionOrigin:
         "augmentation": AugmentationParams(),
         "ensemble": EnsembleParams.model_validate(EXAMPLE["ensemble"], strict=False),
         "addressing": AddressingParams.model_validate(EXAMPLE["addressing"], strict=False),
-        "runs": {"a run": "http://127.0.0.1:5000/#/runs/1"},
+        "runs": {"ensemble/seed-0": "0123456789abcdef"},
+        "experiment": "pfnn",
     }
     return MotionOrigin(**values | changes)
 

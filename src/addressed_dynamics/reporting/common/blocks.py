@@ -97,18 +97,6 @@ class Facts:
 
 
 @dataclass(frozen=True)
-class Links:
-    """Addresses with their titles."""
-
-    title: str
-    """What they lead to."""
-    items: Mapping[str, str]
-    """Address by title."""
-    kind: str = "links"
-    """Which of the blocks this is, for the templates."""
-
-
-@dataclass(frozen=True)
 class Text:
     """Paragraphs."""
 
@@ -118,7 +106,7 @@ class Text:
     """Which of the blocks this is, for the templates."""
 
 
-Block = Table | Figure | Facts | Links | Text
+Block = Table | Figure | Facts | Text
 
 
 @dataclass(frozen=True)

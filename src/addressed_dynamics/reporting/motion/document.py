@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from statistics import median
 
-from addressed_dynamics.reporting.common.blocks import Block, Links, Report, Section, Text
+from addressed_dynamics.reporting.common.blocks import Block, Report, Section, Text
 from addressed_dynamics.reporting.common.comparison import baseline_efforts, ensemble_effort
 from addressed_dynamics.reporting.common.figures import curves, histograms, specialisation
 from addressed_dynamics.reporting.common.records import BaselineLosses
+from addressed_dynamics.reporting.common.runs import run_blocks
 from addressed_dynamics.reporting.motion import loop_tables, tables
 from addressed_dynamics.reporting.motion.figures import addressing, closed_loop, films, one_step
 from addressed_dynamics.reporting.motion.origin import MotionOrigin, run_facts
@@ -40,7 +41,7 @@ def build_motion_report(results: MotionResults, origin: MotionOrigin) -> Report:
         Section("Closed loop", _loop_blocks(results)),
         Section("Seeds", (tables.seed_table(evaluation),)),
         Section("Training", _training_blocks(results)),
-        Section("Runs", (Links("Runs in MLflow that made these models", origin.runs),) if origin.runs else ()),
+        Section("Runs", run_blocks(origin.experiment, origin.runs)),
         Section("Source", (Text(SOURCES),)),
     )
     return Report(

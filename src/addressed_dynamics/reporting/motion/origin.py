@@ -44,7 +44,9 @@ class MotionOrigin:
     addressing: AddressingParams
     """Recipe of phase 2."""
     runs: Mapping[str, str]
-    """Addresses of the MLflow runs by their names."""
+    """Digests of what was trained, with which MLflow's runs are tagged, by the outputs' names."""
+    experiment: str = ""
+    """Name of the experiment, in MLflow too; empty if it is not known."""
 
 
 def run_facts(origin: MotionOrigin, delivered: Delivered) -> Facts:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from addressed_dynamics.reporting.common.blocks import Block, Links, Report, Section, Text
+from addressed_dynamics.reporting.common.blocks import Block, Report, Section, Text
 from addressed_dynamics.reporting.common.comparison import Effort, baseline_efforts, ensemble_effort
 from addressed_dynamics.reporting.common.figures import curves, histograms, specialisation
 from addressed_dynamics.reporting.common.numbers import listed, percent, scientific
 from addressed_dynamics.reporting.common.paper import CITATION, PaperFigures
 from addressed_dynamics.reporting.common.results import Results
+from addressed_dynamics.reporting.common.runs import run_blocks
 from addressed_dynamics.reporting.common.targets import judge_targets
 from addressed_dynamics.reporting.transitions import rollout_tables, tables
 from addressed_dynamics.reporting.transitions.animation.rollouts import animations
@@ -43,7 +44,7 @@ def build_report(results: Results, origin: Origin, paper: PaperFigures | None) -
         Section("The two recipes", (both,) if (both := recipes_table(evaluation, origin.settings)) else ()),
         Section("Seeds", _seed_blocks(results, origin)),
         Section("Training", _training_blocks(results)),
-        Section("Runs", (Links("Runs in MLflow that made these models", origin.runs),) if origin.runs else ()),
+        Section("Runs", run_blocks(origin.experiment, origin.runs)),
         Section("Source", (Text((CITATION,)),)),
     )
     return Report(

@@ -45,7 +45,9 @@ class Origin:
     addressing: AddressingParams
     """Recipe of phase 2."""
     runs: Mapping[str, str]
-    """Addresses of the MLflow runs by their names."""
+    """Digests of what was trained, with which MLflow's runs are tagged, by the outputs' names."""
+    experiment: str = ""
+    """Name of the experiment, in MLflow too; empty if it is not known."""
 
     @property
     def settings(self) -> Recipe:
