@@ -15,6 +15,8 @@ import pytest
 from addressed_dynamics import tracking
 from addressed_dynamics.base.errors import TrackingError
 from addressed_dynamics.base.versions import output_digests
+from addressed_dynamics.reporting.common.blocks import Facts
+from addressed_dynamics.reporting.common.runs import run_blocks
 
 LOCK = """
 schema: '2.0'
@@ -223,6 +225,21 @@ def test_a_run_writes_nothing_into_its_output_and_is_found_by_its_digest(store: 
     assert (found[digest].run_id, found[digest].name) == (run.id, "the name")
     assert tracking.run_link(found[digest]) == run.url
     assert only_run(store, "found").data.tags["output"] == digest
+
+
+def test_the_filters_in_a_report_find_the_runs(store: Path, tmp_path: Path) -> None:
+    for name in ("first", "second"):
+        write_output(tmp_path / name, name)
+        with tracking.run(stage="s", experiment="filters", name=name, params={}) as run:
+            run.log_output(tmp_path / name)
+    (facts,) = (block for block in run_blocks("filters", output_digests(tmp_path)) if isinstance(block, Facts))
+    server = client(store)
+    experiments = [server.get_experiment_by_name("filters").experiment_id]
+    found = {output: server.search_runs(experiments, wanted) for output, wanted in facts.items.items()}
+    assert {output: [run.info.run_name for run in runs] for output, runs in found.items()} == {
+        "first": ["first"],
+        "second": ["second"],
+    }
 
 
 @pytest.mark.usefixtures("store")

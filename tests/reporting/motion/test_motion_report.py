@@ -23,6 +23,7 @@ from motion_report_examples import (
 from addressed_dynamics.reporting.common.blocks import Report, Table, Text
 from addressed_dynamics.reporting.common.comparison import Effort
 from addressed_dynamics.reporting.common.render import render_html, render_markdown
+from addressed_dynamics.reporting.common.runs import run_blocks
 from addressed_dynamics.reporting.motion.document import (
     addressing_blocks,
     build_motion_report,
@@ -86,6 +87,12 @@ def test_the_page_loads_nothing_from_elsewhere_and_has_no_gaps(report: Report) -
     assert "url(" not in page
     text = render_markdown(report)
     assert not re.search(r"\bnan\b|\bNone\b(?! of)", text)
+
+
+def test_the_report_says_how_to_find_the_runs_and_names_none_of_them(report: Report) -> None:
+    (section,) = (section for section in report.sections if section.title == "Runs")
+    assert section.blocks == run_blocks("pfnn", {"ensemble/seed-0": "0123456789abcdef"})
+    assert "- ensemble/seed-0: tags.output LIKE '%0123456789abcdef%'" in render_markdown(report)
 
 
 def test_every_row_has_a_cell_for_each_column(report: Report) -> None:
