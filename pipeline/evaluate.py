@@ -21,7 +21,7 @@ def main(call: Call) -> None:
         with tracking.run(stage="evaluate", experiment=experiment, name=f"{experiment} evaluation seed={found.seed}",
                           params=params.model_dump(mode="json"), params_file=call.params_file) as run:  # fmt: skip
             run.log(found.headline, step=0)
-            run.write_run_id(folder)
+            run.log_output(folder)
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 from addressed_dynamics import tracking
 from addressed_dynamics.base.kinds import supplied
 from addressed_dynamics.base.params.experiments import load_experiment
+from addressed_dynamics.base.versions import code_version, output_digests
 from addressed_dynamics.reporting.common.render import FIGURES
 from addressed_dynamics.reporting.common.written import Subject
 from pipeline.stage import Call, evaluation_dir, figures_dir, models_dir, reports_dir, run_stage
@@ -14,7 +15,7 @@ def main(call: Call) -> None:
     params = load_experiment(call.params_file, experiment, call.kind)
     subject = Subject(
         experiment, params, call.params_file.as_posix(), models, figures_dir(experiment), evaluation_dir(experiment),
-        tracking.code_version(), tracking.run_links(models),
+        code_version(), output_digests(models),
     )  # fmt: skip
     written = supplied("reporting", call.kind).write(subject, target)
     with tracking.run(stage="report", experiment=experiment, name=f"{experiment} report", params={},

@@ -1,15 +1,34 @@
-"""Train what the ensemble is compared with, with the same number of updates."""
+"""Train what the ensemble is compared with, with as many updates, and address what has members to choose from.
 
-from pipeline.stage import Call, run_stage
+Beside them, if params ask for it, an ensemble of two is trained for a figure of its loss profiles; it is no candidate.
+"""
+
+from addressed_dynamics.base.kinds import supplied
+from addressed_dynamics.base.params.experiments import load_recipes
+from addressed_dynamics.base.torch_runtime import prepare_torch
+from addressed_dynamics.training.baselines import plan_baselines
+from pipeline.baselines import train_baselines
+from pipeline.stage import Call, run_stage, tables_dir
+from pipeline.trainings import Stage
 
 
 def main(call: Call) -> None:
     """Train the baselines of an experiment."""
-    if call.kind == "motion":
-        from pipeline.motion_baselines import train
-    else:
-        from pipeline.transition_baselines import train
-    train(call)
+    kind, tables = supplied("features", call.kind), tables_dir(call.experiment)
+    chosen, other = load_recipes(call.params_file, call.experiment, call.kind)
+    prepare_torch(threads=1)
+    data = kind.load_training_data(tables, chosen, chosen.features)
+    width, samples = data.features, len(data.train)
+    plan = plan_baselines(chosen, other, width.inputs, width.outputs, samples, kind.PHASE_FEATURES)
+    # Most are trained on what the ensemble is: it is read once.
+    own = {
+        name: data
+        if each.features == chosen.features and each.sections is chosen and not each.by_phase
+        else kind.load_training_data(tables, each.sections, each.features, augmented=not each.by_phase)
+        for name, each in plan.items()
+    }
+    stage = Stage("train_baselines", call.experiment, call.params_file, chosen.baselines.processes)
+    train_baselines(stage, plan, own, chosen.baselines.seeds)
 
 
 if __name__ == "__main__":

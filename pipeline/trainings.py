@@ -144,7 +144,7 @@ def train_ensembles(
         def finish(name: str, epoch: Epoch, run: Run) -> None:
             notes = {"params": recipe, "training": name, "data": fingerprint(*data.tensors)}
             save_network(folder / name, SavedNetwork(epoch.network, data.features, notes))
-            run.write_run_id(folder / name)
+            run.log_output(folder / name)
             results[name] = epoch.metrics
 
         rows = train_tracked(stage, jobs, finish)
@@ -221,7 +221,7 @@ def train_addressings(
         def finish(name: str, epoch: Epoch, run: Run) -> None:
             notes = {"params": params.model_dump(mode="json"), "training": name}
             save_network(folder / name, SavedNetwork(epoch.network, data.features, notes))
-            run.write_run_id(folder / name)
+            run.log_output(folder / name)
             confusion = confusion_matrix(epoch.network, data.validation, profiles[name])
             results[name] = {**epoch.metrics, "confusion": confusion}
 

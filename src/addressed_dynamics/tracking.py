@@ -161,10 +161,6 @@ class Run:
         """
         self._attempt(f"the digest of {folder}", lambda _: self._take_digests(folder), give_up=False)
 
-    def write_run_id(self, folder: Path) -> None:
-        """Do what `log_output` does, for stages that call it by its old name."""
-        self.log_output(folder)
-
     def _take_digests(self, folder: Path) -> None:
         digests = output_digests(folder).values()
         if not digests:
@@ -293,11 +289,6 @@ def find_runs(experiment: str, digests: Iterable[str]) -> dict[str, RunReference
     except Exception as error:  # see Run._attempt
         _warn(f"could not look for the runs of {experiment}", error)
         return {}
-
-
-def run_links(folder: Path) -> dict[str, str]:
-    """Return `output_digests(folder)`, for stages that call it by its old name."""
-    return output_digests(folder)
 
 
 def run_link(reference: RunReference) -> str:

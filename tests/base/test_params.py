@@ -199,7 +199,6 @@ def test_a_whole_section_of_motion_is_read(tmp_path: Path) -> None:
         ("ensemble.memebrs", 2, "walk.ensemble.memebrs: unknown key"),
         ("baselines.train", ["pfnn"], "walk.baselines.train.0: input should be"),
         ("baselines.phase_functioned.epochs", 2, "walk.baselines.phase_functioned.epochs: unknown key"),
-        ("baselines.learned_blend", ..., "walk.baselines.learned_blend: missing key"),
         ("baselines.learned_blend.optimiser.betas", [0.9], "walk.baselines.learned_blend.optimiser.betas.1: missing"),
         ("evaluation.closed_loop.validation_scripts", 0, "walk.evaluation.closed_loop.validation_scripts: input"),
         ("evaluation.rollouts", {}, "walk.evaluation.rollouts: unknown key"),

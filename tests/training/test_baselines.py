@@ -7,15 +7,15 @@ from example_params import EXAMPLE
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from learning import ADDRESSING, CHANGE, ENSEMBLE, car_samples
+from pydantic import ValidationError
 
+from addressed_dynamics.base.errors import ParamsError
 from addressed_dynamics.base.params.experiments import ExperimentParams
-from addressed_dynamics.base.params.motion import BlendedNetwork
 from addressed_dynamics.base.params.sections import OptimiserParams
-from addressed_dynamics.base.params.training import EnsembleParams
+from addressed_dynamics.base.params.training import BlendedNetwork, EnsembleParams
 from addressed_dynamics.features.common.samples import Samples
 from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.training.baselines import (
-    ONCE,
     PAIR,
     Baseline,
     as_single,
@@ -57,8 +57,11 @@ def experiment(**changes: Any) -> ExperimentParams:
 PAPER = experiment(recipe="paper", features={"target": "absolute"})
 
 
-def planned(chosen: ExperimentParams | None = None, other: ExperimentParams = PAPER) -> dict[str, Baseline]:
-    return plan_baselines(chosen or experiment(), other, TRAIN.x.shape[1], TRAIN.y.shape[1], len(TRAIN))
+def planned(
+    chosen: ExperimentParams | None = None, other: ExperimentParams = PAPER, phase_features: Any = None
+) -> dict[str, Baseline]:
+    shapes = TRAIN.x.shape[1], TRAIN.y.shape[1], len(TRAIN)
+    return plan_baselines(chosen or experiment(), other, *shapes, phase_features)
 
 
 @pytest.mark.parametrize("members", [2, 4, 8])
@@ -89,7 +92,7 @@ def test_a_baseline_makes_exactly_as_many_updates_as_the_ensemble_those_before_a
     *_, ensemble = train_ensemble(TRAIN, VALIDATION, recipe, seed=0, loss_unit=1.0)
     baseline = planned(experiment(ensemble=recipe.model_dump(mode="json")))[name]
     *_, last = train_ensemble(
-        TRAIN, VALIDATION, baseline.ensemble, seed=0, loss_unit=1.0, binning=baseline.binning, updates=baseline.updates
+        TRAIN, VALIDATION, baseline.training, seed=0, loss_unit=1.0, binning=baseline.binning, updates=baseline.updates
     )
     assert last.last
     assert last.updates == ensemble.updates == ensemble_updates(recipe, len(TRAIN))
@@ -119,11 +122,12 @@ def test_trainings_of_one_network_and_of_a_mixture_end_at_the_update_at_which_th
 
 
 def test_an_ablation_differs_by_its_bins_alone_and_a_single_network_by_its_shape() -> None:
-    plan = planned()
+    chosen = experiment()
+    plan = planned(chosen)
     assert list(plan) == [*SINGLE_NETWORKS, "total_parameters", "unequal_bins", "random_bins", "paper_recipe", PAIR]
     for name, binning in {"unequal_bins": "lowest_loss", "random_bins": "random"}.items():
-        assert plan[name] == Baseline(CHANGE, ENSEMBLE, binning, ADDRESSING)
-    recipes = {name: plan[name].ensemble for name in ("wide", "narrow", "total_parameters")}
+        assert plan[name] == Baseline(chosen, CHANGE, ENSEMBLE, binning, ADDRESSING)
+    recipes = {name: plan[name].training for name in ("wide", "narrow", "total_parameters")}
     shapes = {name: (each.members, each.hidden, each.activation, each.batch_size) for name, each in recipes.items()}
     assert shapes["wide"] == (1, (24, 24, 24), "relu", 10)
     assert shapes["narrow"] == (1, (8,), "tanh", 16)
@@ -134,17 +138,17 @@ def test_an_ablation_differs_by_its_bins_alone_and_a_single_network_by_its_shape
         assert plan[name].addressing is None
 
 
-def test_the_recipe_that_was_not_chosen_is_trained_once_as_it_is_with_its_own_features_and_addressing() -> None:
+def test_the_recipe_that_was_not_chosen_is_trained_as_it_is_with_its_own_features_and_addressing() -> None:
     default = experiment()
-    expected = Baseline(PAPER.features, PAPER.ensemble, "equal", ADDRESSING)
+    expected = Baseline(PAPER, PAPER.features, PAPER.ensemble, "equal", ADDRESSING)
     assert planned(default, PAPER)["paper_recipe"] == expected
-    assert planned(PAPER, default)["default_recipe"] == Baseline(CHANGE, ENSEMBLE, "equal", ADDRESSING)
-    assert set(ONCE) == {"paper_recipe", "default_recipe", PAIR}
+    assert planned(PAPER, default)["default_recipe"] == Baseline(default, CHANGE, ENSEMBLE, "equal", ADDRESSING)
 
 
 def test_the_pair_is_an_ensemble_of_two_that_trains_for_epochs_of_its_own_and_starts_from_known_networks() -> None:
     three = ENSEMBLE.model_copy(update={"members": 3})
-    pair = planned(experiment(ensemble=three.model_dump(mode="json")))[PAIR].ensemble
+    pair = planned(experiment(ensemble=three.model_dump(mode="json")))[PAIR].training
+    assert isinstance(pair, EnsembleParams)
     assert (pair.members, pair.epochs) == (2, 3)
     assert pair.model_copy(update={"members": 3, "epochs": three.epochs}) == three
     still = pair.model_copy(update={"optimiser": pair.optimiser.model_copy(update={"learning_rate": 1e-30})})
@@ -157,6 +161,20 @@ def test_the_pair_is_an_ensemble_of_two_that_trains_for_epochs_of_its_own_and_st
 def test_without_epochs_there_is_no_pair() -> None:
     baselines = experiment().baselines.model_dump(mode="json") | {"pair_epochs": 0}
     assert PAIR not in planned(experiment(baselines=baselines))
+
+
+def test_networks_that_a_phase_mixes_need_data_with_a_phase_and_see_them_as_pfnn_does() -> None:
+    blended = BLENDED.model_dump(mode="json")
+    section = experiment().baselines.model_dump(mode="json") | {"train": ["phase_functioned", "learned_blend"]}
+    with pytest.raises(ValidationError, match="no section 'phase_functioned' that says how"):
+        experiment(baselines=section)
+    chosen = experiment(baselines=section | {"phase_functioned": blended, "learned_blend": blended})
+    with pytest.raises(ParamsError, match="'phase_functioned' needs data with a phase"):
+        planned(chosen)
+    plan = planned(chosen, phase_features="those of PFNN")
+    assert (plan["phase_functioned"].features, plan["phase_functioned"].by_phase) == ("those of PFNN", True)
+    assert (plan["learned_blend"].features, plan["learned_blend"].by_phase) == (CHANGE, False)
+    assert plan["learned_blend"].updates == ensemble_updates(ENSEMBLE, len(TRAIN))
 
 
 OPTIMISER = OptimiserParams(learning_rate=1e-3, betas=(0.9, 0.99), final_share=0.0)

@@ -9,8 +9,9 @@ from motions import make_motion
 from torch import Tensor
 
 from addressed_dynamics.base.errors import TrainingError
-from addressed_dynamics.base.params.motion import BlendedTraining, MotionFeatureParams
+from addressed_dynamics.base.params.motion import MotionFeatureParams
 from addressed_dynamics.base.params.sections import OptimiserParams
+from addressed_dynamics.base.params.training import BlendedTraining
 from addressed_dynamics.features.motion.features import fit_motion_features
 from addressed_dynamics.networks.spline import catmull_rom
 from addressed_dynamics.networks.stacked import StackedMLP

@@ -10,8 +10,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from addressed_dynamics.base.params.motion import BlendedNetwork, BlendedTraining
-from addressed_dynamics.base.params.training import AddressingTraining, BaselinesParams, EnsembleParams
+from addressed_dynamics.base.errors import ParamsError
+from addressed_dynamics.base.params.training import (
+    AddressingTraining,
+    BaselinesParams,
+    BlendedNetwork,
+    BlendedTraining,
+    EnsembleParams,
+)
 from addressed_dynamics.training.ensemble import Binning
 from addressed_dynamics.training.epochs import updates_per_epoch
 
@@ -23,8 +29,8 @@ PAIR = "pair"
 """Name of the ensemble of two that is trained for a figure alone, and is no baseline."""
 OTHER_RECIPE = {"default": "paper_recipe", "paper": "default_recipe"}
 """Name of the ensemble with the recipe that was not chosen, by the one that was."""
-ONCE = (PAIR, *OTHER_RECIPE.values())
-"""What is trained from the first seed alone."""
+BLENDED = ("phase_functioned", "learned_blend")
+"""The networks whose parameters are mixed for every sample, by its phase or by a gate."""
 
 
 class Sections(Protocol):
@@ -51,19 +57,25 @@ class Sections(Protocol):
 class Baseline:
     """Something that is trained beside the ensemble."""
 
+    sections: Sections
+    """The experiment with the recipe that it belongs to."""
     features: Any
-    """What its networks are given and asked for: the section of its kind."""
-    ensemble: EnsembleParams
+    """What its networks are given and asked for: a section of its kind."""
+    training: EnsembleParams | BlendedTraining
     """How they are trained: a single network is an ensemble of one."""
-    binning: Binning
+    binning: Binning = "equal"
     """How samples get their member."""
-    addressing: AddressingTraining | None
+    addressing: AddressingTraining | None = None
     """How the network that addresses them is trained; None if there is nothing to choose."""
     updates: int | None = None
     """After how many updates training stops; None: when its epochs end."""
+    by_phase: bool = False
+    """Whether the phase mixes the networks, which are then trained without augmentation, as PFNN is."""
 
 
-def plan_baselines(chosen: Sections, other: Sections, inputs: int, outputs: int, samples: int) -> dict[str, Baseline]:
+def plan_baselines(
+    chosen: Sections, other: Sections, inputs: int, outputs: int, samples: int, phase_features: Any = None
+) -> dict[str, Baseline]:
     """Return all that is to be trained, by name; the longest trainings, of large single networks, first.
 
     Args:
@@ -72,22 +84,37 @@ def plan_baselines(chosen: Sections, other: Sections, inputs: int, outputs: int,
         inputs: inputs of the ensemble's networks.
         outputs: outputs of these.
         samples: number of training samples.
+        phase_features: what a phase-functioned network is given and asked for; None if the data have no phase.
+
+    Raises:
+        ParamsError: a phase-functioned network is asked for, but the data have no phase.
     """
     params, recipe = chosen.baselines, chosen.ensemble
+    updates = ensemble_updates(recipe, samples)
     plan = dict[str, Baseline]()
     for name in (*params.single_networks, *params.train):
         if name == "other_recipe":
             plan[OTHER_RECIPE[chosen.recipe]] = Baseline(
-                other.features, other.ensemble, "equal", other.baselines.addressing
+                other, other.features, other.ensemble, addressing=other.baselines.addressing
             )
         elif name in ABLATIONS:
-            plan[name] = Baseline(chosen.features, recipe, ABLATIONS[name], params.addressing)
+            plan[name] = Baseline(chosen, chosen.features, recipe, ABLATIONS[name], params.addressing)
+        elif name in BLENDED:
+            by_phase = name == "phase_functioned"
+            if by_phase and phase_features is None:
+                message = (
+                    "baselines.train: 'phase_functioned' needs data with a phase, but these have none; leave it out"
+                )
+                raise ParamsError(message)
+            blended = blended_training(getattr(params, name), recipe, samples)
+            features = phase_features if by_phase else chosen.features
+            plan[name] = Baseline(chosen, features, blended, updates=updates, by_phase=by_phase)
         else:
             single = single_network_params(name, recipe, params, inputs, outputs, samples)
-            plan[name] = Baseline(chosen.features, single, "equal", None, ensemble_updates(recipe, samples))
+            plan[name] = Baseline(chosen, chosen.features, single, updates=updates)
     if params.pair_epochs:
         pair = recipe.model_copy(update={"members": 2, "epochs": params.pair_epochs, "restart": False})
-        plan[PAIR] = Baseline(chosen.features, pair, "equal", None)
+        plan[PAIR] = Baseline(chosen, chosen.features, pair)
     return plan
 
 
@@ -100,7 +127,7 @@ def single_network_params(
     long, so there are fewer of them); it stops after `ensemble_updates`.
 
     Args:
-        name: one of `baselines.single_networks`, or `total_parameters`.
+        name: one of `baselines.single_networks`, `same_size` or `total_parameters`.
         ensemble: training of the ensemble.
         baselines: what params say of baselines.
         inputs: inputs of the network.
@@ -109,6 +136,8 @@ def single_network_params(
     """
     if name in baselines.single_networks:
         return as_single(ensemble, dict(baselines.single_networks[name]), samples)
+    if name == "same_size":
+        return same_size(ensemble, samples)
     return total_parameters(ensemble, inputs, outputs, samples)
 
 

@@ -16,7 +16,7 @@ from jaxtyping import Float, Int64
 from torch import Tensor
 
 from addressed_dynamics.base.errors import TrainingError
-from addressed_dynamics.base.params.motion import BlendedTraining
+from addressed_dynamics.base.params.training import BlendedTraining
 from addressed_dynamics.base.torch_runtime import named_generator
 from addressed_dynamics.features.common.augmentation import Augment
 from addressed_dynamics.features.common.samples import Samples

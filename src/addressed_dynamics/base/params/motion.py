@@ -6,8 +6,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from addressed_dynamics.base.params.sections import Count, Dropout, OptimiserParams, Positive, Section, Seed, Share
-from addressed_dynamics.base.params.training import AddressingParams, AddressingTraining, EnsembleParams, RecipeChanges
+from addressed_dynamics.base.params.sections import Count, Positive, Section, Seed, Share
+from addressed_dynamics.base.params.training import AddressingParams, BaselinesParams, EnsembleParams, RecipeChanges
 
 
 class MotionConvertParams(Section):
@@ -65,49 +65,6 @@ class AugmentationParams(Section):
     disagree, as they do when a player asks for what no clip shows."""
 
 
-class BlendedNetwork(Section):
-    """Networks whose parameters are mixed for every frame, by its phase or by a gate that is trained with them."""
-
-    hidden: tuple[Count, ...]
-    """Widths of the hidden layers."""
-    gate_hidden: tuple[Count, ...]
-    """Widths of the gate's hidden layers; of no use where the phase mixes."""
-    members: Count
-    """Networks that a gate mixes; a phase-functioned network has 4 control points."""
-    activation: Literal["relu", "tanh", "elu"]
-    loss: Literal["mse", "mae", "mae+mse"]
-    optimiser: OptimiserParams
-    batch_size: Count
-    dropout: Dropout = 0.3
-    """Share of every layer's inputs that are set to 0 in an update."""
-    weight_penalty: Annotated[float, Field(ge=0.0)] = 0.01
-    """Weight in the loss of the mean absolute value of the parameters, a mean over the layers' weights and biases."""
-
-
-class BlendedTraining(BlendedNetwork):
-    """The same with the length of its training."""
-
-    epochs: Count
-
-
-class MotionBaselinesParams(Section):
-    """What the ensemble is compared with; same frames, same number of updates."""
-
-    train: tuple[Literal["other_recipe", "same_size", "total_parameters", "phase_functioned", "learned_blend"], ...]
-    """`other_recipe`: the ensemble with the paper's recipe, or, if that is the one chosen, with the default;
-    `same_size`: one network like a member; `total_parameters`: one with as many parameters as the ensemble;
-    `phase_functioned`: PFNN, with its own features and without augmentation; `learned_blend`: parameters mixed by a
-    gate that is trained with them."""
-    phase_functioned: BlendedNetwork
-    learned_blend: BlendedNetwork
-    addressing: AddressingTraining
-    """The addressing network of `other_recipe`, trained on plain argmin targets."""
-    seeds: Annotated[tuple[Seed, ...], Field(min_length=1)]
-    """One of each is trained from each seed."""
-    processes: Count
-    """Networks that are trained at the same time, each in a process with one thread."""
-
-
 class WalkerParams(Section):
     """Clips that are made up, so that the experiment runs on a machine without motion capture."""
 
@@ -154,5 +111,5 @@ class MotionExperimentParams(Section):
     augmentation: AugmentationParams
     ensemble: EnsembleParams
     addressing: AddressingParams
-    baselines: MotionBaselinesParams
+    baselines: BaselinesParams
     evaluation: MotionEvaluationParams

@@ -90,7 +90,10 @@ class SingleNetwork(Section):
 
 
 def _is_free(name: str) -> str:
-    if name in {"total_parameters", "unequal_bins", "random_bins", "pair", "ensemble"}:
+    if name in {
+        "total_parameters", "same_size", "unequal_bins", "random_bins", "pair", "ensemble", "phase_functioned",
+        "learned_blend", "paper_recipe", "default_recipe",
+    }:  # fmt: skip
         message = f"'{name}' has a meaning already; give the network another name"
         raise ValueError(message)
     return name
@@ -100,24 +103,71 @@ BaselineName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$"), AfterValidato
 """Name of a single network: it becomes a folder, and a title in figures."""
 
 
+class BlendedNetwork(Section):
+    """Networks whose parameters are mixed for every frame, by its phase or by a gate that is trained with them."""
+
+    hidden: tuple[Count, ...]
+    """Widths of the hidden layers."""
+    gate_hidden: tuple[Count, ...]
+    """Widths of the gate's hidden layers; of no use where the phase mixes."""
+    members: Count
+    """Networks that a gate mixes; a phase-functioned network has 4 control points."""
+    activation: Literal["relu", "tanh", "elu"]
+    loss: Literal["mse", "mae", "mae+mse"]
+    optimiser: OptimiserParams
+    batch_size: Count
+    dropout: Dropout = 0.3
+    """Share of every layer's inputs that are set to 0 in an update."""
+    weight_penalty: Annotated[float, Field(ge=0.0)] = 0.01
+    """Weight in the loss of the mean absolute value of the parameters, a mean over the layers' weights and biases."""
+
+
+class BlendedTraining(BlendedNetwork):
+    """The same with the length of its training."""
+
+    epochs: Count
+
+
 class BaselinesParams(Section):
     """What the ensemble is compared with; same data, same number of updates."""
 
-    train: tuple[Literal["total_parameters", "unequal_bins", "random_bins", "other_recipe"], ...]
-    """`total_parameters`: one network with as many parameters as the ensemble; `unequal_bins`: each sample to its best
-    member; `random_bins`: fixed random bins; `other_recipe`: the ensemble with the paper's recipe, or, if that is the
-    one chosen, with the default."""
-    single_networks: dict[BaselineName, SingleNetwork]
+    train: tuple[
+        Literal[
+            "total_parameters",
+            "same_size",
+            "unequal_bins",
+            "random_bins",
+            "other_recipe",
+            "phase_functioned",
+            "learned_blend",
+        ],
+        ...,
+    ]
+    """`total_parameters`: one network with as many parameters as the members together; `same_size`: one like a member;
+    `unequal_bins`: each sample to its best member; `random_bins`: fixed random bins; `other_recipe`: the ensemble with
+    the paper's recipe, or, if that is the one chosen, with the default; `phase_functioned`: PFNN, with its own features
+    and without augmentation; `learned_blend`: parameters mixed by a gate that is trained with them."""
+    single_networks: dict[BaselineName, SingleNetwork] = Field(default_factory=dict)
     """More single networks, under names of their own; all of them are trained."""
-    pair_epochs: Annotated[int, Field(ge=0)]
+    pair_epochs: Annotated[int, Field(ge=0)] = 0
     """Epochs of an ensemble of two that is trained for a figure alone (the paper's Fig. 2), from the first seed; 0: no
     such ensemble."""
+    phase_functioned: BlendedNetwork | None = None
+    learned_blend: BlendedNetwork | None = None
     seeds: Annotated[tuple[Seed, ...], Field(min_length=1)]
     """One of each is trained from each seed."""
     addressing: AddressingTraining
     """The addressing networks of `unequal_bins`, `random_bins` and `other_recipe`, trained on plain argmin targets."""
     processes: Count
     """Networks that are trained at the same time, each in a process with one thread."""
+
+    @model_validator(mode="after")
+    def _says_how_to_blend(self) -> BaselinesParams:
+        for name in ("phase_functioned", "learned_blend"):
+            if name in self.train and getattr(self, name) is None:
+                message = f"'{name}' is to be trained, but there is no section '{name}' that says how"
+                raise ValueError(message)
+        return self
 
 
 class RecipeChanges(Section):

@@ -12,6 +12,8 @@ from addressed_dynamics.sources.motion.tables import load_motion
 
 FEATURES = MotionFeatures
 """What networks of this kind of data are saved with."""
+PHASE_FEATURES = MotionFeatureParams(target="absolute", joint_input_weight=0.1)
+"""What a phase-functioned network is given and asked for (Holden, Komura, Saito 2017, Section 6)."""
 SECTIONS = ("features", "augmentation")
 """Sections of an experiment's params that say what networks see."""
 

@@ -9,6 +9,8 @@ from addressed_dynamics.features.transitions.spec import FeatureSpec, fit_featur
 
 FEATURES = FeatureSpec
 """What networks of this kind of data are saved with."""
+PHASE_FEATURES = None
+"""Transitions have no phase that could mix networks."""
 SECTIONS = ("features",)
 """Sections of an experiment's params that say what networks see."""
 
@@ -17,6 +19,8 @@ def load_training_data(
     tables: Path,
     sections: ExperimentParams,  # noqa: ARG001 - transitions are trained on as they are
     features: FeatureParams | FeatureSpec,
+    *,
+    augmented: bool = True,  # noqa: ARG001 - likewise
 ) -> TrainingData[FeatureSpec]:
     """Read the training and validation samples in `tables`, with features to be fitted or those of a model."""
     train = load_transitions(tables, split="train")

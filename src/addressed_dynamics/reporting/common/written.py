@@ -28,7 +28,7 @@ class Subject:
     commit: str
     """Version of the code."""
     runs: Mapping[str, str]
-    """Where to find the runs of its trainings."""
+    """Digests of what was trained, with which runs are tagged, by the outputs' names."""
 
 
 @dataclass(frozen=True)

@@ -36,6 +36,7 @@ def write(subject: Subject, target: Path) -> Written:
         ensemble=EnsembleParams.model_validate(recipe["ensemble"], strict=False),
         addressing=AddressingParams.model_validate(addressing.notes["params"], strict=False),
         runs=subject.runs,
+        experiment=subject.experiment,
     )
     write_report(build_motion_report(results, origin), target)
     write_motion_scene(target / FIGURES / SCENE, results.evaluation, results.arrays)

@@ -37,6 +37,7 @@ def write(subject: Subject, target: Path) -> Written:
         ensemble=EnsembleParams.model_validate(ensemble.notes["params"]["ensemble"], strict=False),
         addressing=AddressingParams.model_validate(addressing.notes["params"], strict=False),
         runs=subject.runs,
+        experiment=subject.experiment,
     )
     paper = PAPER.get(subject.experiment)
     write_report(build_report(results, origin, paper), target)
