@@ -61,7 +61,7 @@ def _finding_table(data: DataResult) -> Table:
         "share of all that were looked at: steps, episodes, values or parts of a range. Values are in the unit of "
         "their dimension, times in seconds. Whatever is not in the table was looked for and not found: uneven time "
         "steps and gaps, dimensions that are stuck, values out of bounds or far from all others, repeated "
-        "transitions, parts of a range without data, and episodes that are too short."
+        "transitions, and parts of a range without data."
     )
     return Table(caption, columns, tuple(_finding_row(finding) for finding in data.quality))
 
