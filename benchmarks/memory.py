@@ -32,7 +32,7 @@ def record(shards: int) -> None:
     """Write logs of a car under random pushes; print the size of a shard in memory."""
     import numpy as np
 
-    from addressed_dynamics.base.params.experiments import EnvironmentParams
+    from addressed_dynamics.base.params.recording import EnvironmentParams
     from addressed_dynamics.envs.mountain_car import mountain_car_step
     from addressed_dynamics.logs import RunInfo, TransitionLogWriter
     from addressed_dynamics.recording.plan import make_environment

@@ -70,8 +70,8 @@ def make(path: Path, rows: int, patches: int) -> None:
 
 def convert(folder: Path) -> None:
     """Convert the database in `folder`; print the memory before, the peak and the seconds."""
-    from addressed_dynamics.base.params.motion import MotionConvertParams
     from addressed_dynamics.sources.motion.conversion import convert_motion
+    from addressed_dynamics.sources.motion.params import MotionConvertParams
 
     params = MotionConvertParams(
         validation_share=0.1, test_share=0.1, cycles_share=0.05, rows_share=0.02, split_seed=0, row_group_rows=2**13

@@ -1,7 +1,7 @@
 """Record the segments of an experiment's plan as MCAP logs, or clips of a walker that is made up."""
 
 from addressed_dynamics.base.params.experiments import load_record_params
-from addressed_dynamics.base.params.motion import WalkerParams
+from addressed_dynamics.base.params.recording import WalkerParams
 from addressed_dynamics.recording.walker import make_walker_clips
 from pipeline.stage import Call, progress, raw_dir, run_stage
 

@@ -6,7 +6,6 @@ import numpy as np
 import torch
 from builders import CAR
 
-from addressed_dynamics.base.params.experiments import FeatureParams
 from addressed_dynamics.base.params.sections import OptimiserParams
 from addressed_dynamics.base.params.training import AddressingTraining, EnsembleParams
 from addressed_dynamics.episodes.transitions import ContinuousAction, Dimension, DiscreteAction, SpaceSpec, Transitions
@@ -14,6 +13,7 @@ from addressed_dynamics.features.common.samples import Samples
 from addressed_dynamics.features.transitions.spec import FeatureSpec, fit_features
 from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.simulators.addressed import AddressedDynamics
+from addressed_dynamics.sources.transitions.params import FeatureParams
 
 ARM = SpaceSpec(
     observation=(Dimension("angle", "rad", -np.inf, np.inf), Dimension("speed", "rad/s", -8.0, 8.0)),

@@ -26,7 +26,7 @@ def first_party(root: Path, stage: str, kind: str) -> set[str]:
             continue
         found[path] = lazy_too
         tree = ast.parse((root / path).read_text(encoding="utf-8"))
-        supplied = [f"addressed_dynamics.{layer}.{kind}.kind" for layer in _layers(tree)]
+        supplied = [f"addressed_dynamics.{layer}.{kind}.{module}" for layer, module in _layers(tree)]
         for target in (*_imported(root, tree, lazy_too=lazy_too), *supplied):
             waiting.append((target, True))
             waiting += [(parent, False) for parent in _parents(target)]
@@ -45,12 +45,12 @@ def _imported(root: Path, tree: ast.Module, *, lazy_too: bool) -> Iterator[str]:
                 yield submodule if _path(root, submodule) else node.module
 
 
-def _layers(tree: ast.AST) -> Iterator[str]:
+def _layers(tree: ast.AST) -> Iterator[tuple[str, str]]:
     for node in ast.walk(tree):
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "supplied":
-            (layer, _) = node.args
+            layer, _, *module = node.args
             assert isinstance(layer, ast.Constant)
-            yield layer.value
+            yield layer.value, *(ast.literal_eval(each) for each in module or [ast.Constant("kind")])
 
 
 def _nodes(node: ast.AST, *, lazy_too: bool) -> Iterator[ast.AST]:

@@ -10,15 +10,14 @@ from pydantic import ValidationError
 
 from addressed_dynamics.base.errors import ParamsError
 from addressed_dynamics.base.params.experiments import (
-    ExperimentParams,
-    RecordedRollouts,
     load_experiment,
     load_recipes,
     load_record_params,
     load_source_params,
 )
-from addressed_dynamics.base.params.motion import MotionExperimentParams
 from addressed_dynamics.base.params.recording import DqnBehaviour
+from addressed_dynamics.sources.motion.params import MotionExperimentParams
+from addressed_dynamics.sources.transitions.params import ExperimentParams, RecordedRollouts
 
 SINGLE = {"hidden": [8], "activation": "relu", "batch_size": 4}
 RECORDED = {"kind": "recorded", "episodes": 3, "steps": 20, "seed": 0}
@@ -245,7 +244,7 @@ def test_the_paper_recipe_of_motion_takes_the_place_of_some_keys(tmp_path: Path)
 
 def test_there_are_kinds_of_data_and_the_sections_of_one_are_none_of_another(tmp_path: Path) -> None:
     path = write_params(tmp_path / "params.yaml", walk=MOTION, car=EXAMPLE, jog=3)
-    with pytest.raises(ParamsError, match=r"walk: there is no kind of data 'sound' \(kinds: transitions, motion\)"):
+    with pytest.raises(ParamsError, match="there is no kind of data 'sound'"):
         load_experiment(path, "walk", "sound")
     with pytest.raises(ParamsError, match=r"walk\.\w+"):
         load_experiment(path, "walk", "transitions")
@@ -268,3 +267,22 @@ def test_the_lists_at_the_top_of_a_file_are_no_experiments(tmp_path: Path) -> No
     )
     with pytest.raises(ParamsError, match=r"no experiment 'jog' in it \(experiments there: walk\)"):
         load_experiment(path, "jog", "motion")
+
+
+@pytest.mark.parametrize(
+    ("changes", "found"),
+    [
+        ({"motions": {"walk": "clips"}}, "motions"),
+        ({"experiments": ["walk"]}, "a list under 'experiments'"),
+        ({"walk": MOTION | {"kind": "motion"}}, "walk.kind"),
+        ({"walk": MOTION | {"walker": {"seed": 0}}}, "walk.walker"),
+    ],
+)
+def test_a_file_of_the_earlier_form_is_one_line_that_says_what_changed(
+    tmp_path: Path, changes: dict[str, Any], found: str
+) -> None:
+    path = write_params(tmp_path / "params.yaml", **{"walk": MOTION} | changes)
+    with pytest.raises(ParamsError) as caught:
+        load_experiment(path, "walk", "motion")
+    assert f"a params file of an earlier form ({found}): 'experiments' is now a mapping" in str(caught.value)
+    assert "\n" not in str(caught.value)

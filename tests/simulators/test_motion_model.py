@@ -8,11 +8,11 @@ import torch
 from motions import make_motion
 
 from addressed_dynamics.base.errors import ModelError
-from addressed_dynamics.base.params.motion import MotionFeatureParams
 from addressed_dynamics.features.motion.features import MotionFeatures, fit_motion_features
 from addressed_dynamics.networks.spline import catmull_rom
 from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.simulators.motion import MOTION_MODES, MotionMode, MotionModel
+from addressed_dynamics.sources.motion.params import MotionFeatureParams
 
 MOTION = make_motion(rows=24)
 X = torch.from_numpy(MOTION.x)

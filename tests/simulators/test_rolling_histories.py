@@ -11,7 +11,6 @@ from learning import swing, untrained_model
 
 from addressed_dynamics.base.errors import ModelError
 from addressed_dynamics.base.files import write_json
-from addressed_dynamics.base.params.experiments import FeatureParams
 from addressed_dynamics.episodes.transitions import Transitions
 from addressed_dynamics.features.transitions.spec import fit_features
 from addressed_dynamics.networks.files import SavedNetwork, save_network
@@ -19,6 +18,7 @@ from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.simulators.addressed import AddressedDynamics
 from addressed_dynamics.simulators.modes import MODES, Mode
 from addressed_dynamics.simulators.portable import PortableDynamics
+from addressed_dynamics.sources.transitions.params import FeatureParams
 
 HISTORY, STEPS, BATCH = 4, 5, 3
 ANGLES = [

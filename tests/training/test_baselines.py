@@ -10,11 +10,11 @@ from learning import ADDRESSING, CHANGE, ENSEMBLE, car_samples
 from pydantic import ValidationError
 
 from addressed_dynamics.base.errors import ParamsError
-from addressed_dynamics.base.params.experiments import ExperimentParams
 from addressed_dynamics.base.params.sections import OptimiserParams
 from addressed_dynamics.base.params.training import BlendedNetwork, EnsembleParams
 from addressed_dynamics.features.common.samples import Samples
 from addressed_dynamics.networks.stacked import StackedMLP
+from addressed_dynamics.sources.transitions.params import ExperimentParams
 from addressed_dynamics.training.baselines import (
     PAIR,
     Baseline,

@@ -9,13 +9,13 @@ from motions import make_motion
 from torch import Tensor
 
 from addressed_dynamics.base.errors import TrainingError
-from addressed_dynamics.base.params.motion import MotionFeatureParams
 from addressed_dynamics.base.params.sections import OptimiserParams
 from addressed_dynamics.base.params.training import BlendedTraining
 from addressed_dynamics.features.motion.features import fit_motion_features
 from addressed_dynamics.networks.spline import catmull_rom
 from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.simulators.motion import MotionModel
+from addressed_dynamics.sources.motion.params import MotionFeatureParams
 from addressed_dynamics.training.blended import (
     BlendedEpoch,
     forward_with_dropout,

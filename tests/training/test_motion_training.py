@@ -9,11 +9,11 @@ import torch
 from motions import make_motion
 from torch import Tensor
 
-from addressed_dynamics.base.params.motion import AugmentationParams, MotionFeatureParams
 from addressed_dynamics.base.params.sections import OptimiserParams
 from addressed_dynamics.base.params.training import AddressingTraining, EnsembleParams
 from addressed_dynamics.features.motion.augmentation import MotionAugmentation
 from addressed_dynamics.features.motion.features import fit_motion_features
+from addressed_dynamics.sources.motion.params import AugmentationParams, MotionFeatureParams
 from addressed_dynamics.training.addressing import train_addressing
 from addressed_dynamics.training.checkpoints import Checkpoint
 from addressed_dynamics.training.ensemble import evaluate_profiles, train_ensemble

@@ -10,8 +10,11 @@ Layer = Literal["sources", "features", "evaluation", "reporting"]
 """The layers in which kinds differ; everything between is written once."""
 
 
-def supplied(layer: Layer, kind: str) -> Any:
+def supplied(layer: Layer, kind: str, module: Literal["kind", "params"] = "kind") -> Any:
     """Return what `kind` supplies to `layer`: the module `addressed_dynamics.<layer>.<kind>.kind`.
+
+    Beside it `sources` has a module `params` with the `FORM` of an experiment's section, which stages need that read no
+    data.
 
     Raises:
         ParamsError: there is no such kind.
@@ -23,4 +26,4 @@ def supplied(layer: Layer, kind: str) -> Any:
             "'transitions' and 'motion' come with this version"
         )
         raise ParamsError(message)
-    return import_module(f"{package}.kind")
+    return import_module(f"{package}.{module}")

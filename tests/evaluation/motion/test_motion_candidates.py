@@ -12,7 +12,6 @@ from pfnn_data import PFNN_DATA, needs_pfnn_data
 
 from addressed_dynamics.base.errors import ModelError, TrainingError
 from addressed_dynamics.base.files import write_json
-from addressed_dynamics.base.params.motion import MotionFeatureParams
 from addressed_dynamics.evaluation.motion.baselines import mean_outputs
 from addressed_dynamics.evaluation.motion.candidates import (
     BASELINE_LABELS,
@@ -27,6 +26,7 @@ from addressed_dynamics.networks.files import SavedNetwork, save_network
 from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.simulators.modes import MODES
 from addressed_dynamics.simulators.motion import MotionMode, MotionModel
+from addressed_dynamics.sources.motion.params import MotionFeatureParams
 
 MOTION = make_motion(48)
 X, PHASE = torch.from_numpy(MOTION.x), torch.from_numpy(MOTION.phase) % 1.0

@@ -16,7 +16,6 @@ from moving_fakes import failing, lively, steady
 
 from addressed_dynamics.base.errors import EvaluationError
 from addressed_dynamics.base.files import save_arrays
-from addressed_dynamics.base.params.motion import MotionFeatureParams
 from addressed_dynamics.episodes.layout import JOINTS, OUTPUT
 from addressed_dynamics.episodes.motion import Motion
 from addressed_dynamics.evaluation.motion.baselines import mean_outputs
@@ -40,6 +39,7 @@ from addressed_dynamics.features.motion.features import fit_motion_features
 from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.simulators.modes import MODES
 from addressed_dynamics.simulators.motion import MotionModel
+from addressed_dynamics.sources.motion.params import MotionFeatureParams
 
 TRAIN = make_motion(48)
 DATA = MotionData(

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from learning import drive, untrained_model
 
 from addressed_dynamics.base.errors import EvaluationError
-from addressed_dynamics.base.params.experiments import AngleParams, FeatureParams
 from addressed_dynamics.episodes.transitions import COLUMNS, Transitions
 from addressed_dynamics.evaluation.transitions.candidates import MEAN, ensemble_candidates
 from addressed_dynamics.evaluation.transitions.one_step import errors_per_dimension, predict_all, scaled_losses
@@ -24,6 +23,7 @@ from addressed_dynamics.evaluation.transitions.suite import (
 )
 from addressed_dynamics.features.transitions.spec import fit_features
 from addressed_dynamics.simulators.modes import MODES
+from addressed_dynamics.sources.transitions.params import AngleParams, FeatureParams
 
 WORLD = drive((30, 20, 25))
 MODEL = untrained_model(WORLD)

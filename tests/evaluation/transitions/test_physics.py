@@ -10,13 +10,13 @@ from acrobot_recordings import acrobot_recording
 from learning import drive
 
 from addressed_dynamics.base.errors import EvaluationError
-from addressed_dynamics.base.params.experiments import RecordedRollouts
 from addressed_dynamics.envs import acrobot_energy, acrobot_observation, acrobot_state, acrobot_step
 from addressed_dynamics.episodes.transitions import SpaceSpec, Transitions
 from addressed_dynamics.evaluation.transitions.candidates import Candidate
 from addressed_dynamics.evaluation.transitions.physics import ROUNDING, TRUTH, TWIN, acrobot_course
 from addressed_dynamics.evaluation.transitions.rollouts import evaluate_rollouts, evaluate_simulations
 from addressed_dynamics.evaluation.transitions.truth import TrueRollouts, replay_recorded
+from addressed_dynamics.sources.transitions.params import RecordedRollouts
 
 PARAMS = RecordedRollouts(kind="recorded", episodes=20, steps=900, seed=0, physics="acrobot")
 

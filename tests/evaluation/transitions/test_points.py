@@ -7,10 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from learning import drive, swing
 
-from addressed_dynamics.base.params.experiments import FeatureParams
 from addressed_dynamics.episodes.transitions import COLUMNS, Transitions
 from addressed_dynamics.evaluation.transitions.points import Points
 from addressed_dynamics.features.transitions.spec import fit_features
+from addressed_dynamics.sources.transitions.params import FeatureParams
 
 WORLDS = {"car": drive((9, 2, 14, 3)), "arm": swing((9, 2, 14, 3))}
 histories = st.integers(1, 6)

@@ -13,7 +13,6 @@ from learning import drive, swing, untrained_model
 from strategies import random_transitions, space_specs, transitions
 
 from addressed_dynamics.base.errors import EvaluationError
-from addressed_dynamics.base.params.experiments import EnvironmentRollouts, RecordedRollouts
 from addressed_dynamics.base.params.recording import EnvironmentParams
 from addressed_dynamics.episodes.transitions import COLUMNS, SpaceSpec, Transitions
 from addressed_dynamics.evaluation.transitions.candidates import Candidate
@@ -21,6 +20,7 @@ from addressed_dynamics.evaluation.transitions.points import Points
 from addressed_dynamics.evaluation.transitions.rollouts import evaluate_rollouts, rollout_errors, summarise_rollouts
 from addressed_dynamics.evaluation.transitions.suite import figure_arrays
 from addressed_dynamics.evaluation.transitions.truth import TrueRollouts, replay_recorded, true_rollouts
+from addressed_dynamics.sources.transitions.params import EnvironmentRollouts, RecordedRollouts
 
 
 def replay(

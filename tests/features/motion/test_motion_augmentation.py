@@ -5,11 +5,11 @@ import torch
 from motions import make_motion
 from torch import Tensor
 
-from addressed_dynamics.base.params.motion import AugmentationParams, MotionFeatureParams
 from addressed_dynamics.episodes.layout import INPUT, INPUT_GAITS, INPUT_HEIGHTS
 from addressed_dynamics.features.common.samples import Samples
 from addressed_dynamics.features.motion.augmentation import JOINTS, MotionAugmentation
 from addressed_dynamics.features.motion.features import MotionFeatures, fit_motion_features
+from addressed_dynamics.sources.motion.params import AugmentationParams, MotionFeatureParams
 
 MOTION = make_motion()
 COMMANDS = [INPUT.span("trajectory_position_x", "trajectory_direction_z"), INPUT_HEIGHTS]

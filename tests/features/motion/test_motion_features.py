@@ -9,9 +9,9 @@ from motions import make_motion
 from pfnn_data import PFNN_DATA, needs_pfnn_data
 
 from addressed_dynamics.base.errors import ModelError, MotionError
-from addressed_dynamics.base.params.motion import MotionFeatureParams
 from addressed_dynamics.episodes.layout import INPUT, INPUT_GAITS, INPUT_HEIGHTS, NOW, OUTPUT
 from addressed_dynamics.features.motion.features import MotionFeatures, fit_motion_features, persistence
+from addressed_dynamics.sources.motion.params import MotionFeatureParams
 
 TARGETS = pytest.mark.parametrize("target", ["absolute", "change", "trajectory_change"])
 

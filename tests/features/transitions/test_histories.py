@@ -12,9 +12,9 @@ from learning import drive, swing
 from strategies import random_transitions, space_specs
 
 from addressed_dynamics.base.errors import ModelError
-from addressed_dynamics.base.params.experiments import FeatureParams
 from addressed_dynamics.episodes.transitions import DiscreteAction, Transitions
 from addressed_dynamics.features.transitions.spec import FeatureSpec, fit_features
+from addressed_dynamics.sources.transitions.params import FeatureParams
 
 WORLDS = {"car": drive((9, 2, 14, 3)), "arm": swing((9, 2, 14, 3))}
 histories = st.integers(2, 7)

@@ -11,9 +11,9 @@ from learning import ARM, CHANGE, drive, swing
 from strategies import space_specs
 
 from addressed_dynamics.base.errors import ModelError, TransitionsError
-from addressed_dynamics.base.params.experiments import FeatureParams
 from addressed_dynamics.episodes.transitions import COLUMNS, Dimension, DiscreteAction, SpaceSpec, Transitions
 from addressed_dynamics.features.transitions.spec import DEVIATION_FLOOR, FeatureSpec, fit_features
+from addressed_dynamics.sources.transitions.params import FeatureParams
 
 TARGETS = ("absolute", "change")
 Target = Literal["absolute", "change"]

@@ -13,9 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from addressed_dynamics.base.errors import ModelError, TransitionsError
-from addressed_dynamics.base.params.experiments import AngleParams, FeatureParams
 from addressed_dynamics.episodes.transitions import COLUMNS, Transitions
 from addressed_dynamics.features.transitions.spec import FeatureSpec, fit_features
+from addressed_dynamics.sources.transitions.params import AngleParams, FeatureParams
 
 Target = Literal["absolute", "change"]
 AngleFrom = Literal["weighted", "atan2"]

@@ -5,9 +5,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from addressed_dynamics.base.errors import TransitionsError
-from addressed_dynamics.base.params.experiments import FeatureParams
 from addressed_dynamics.features.transitions.spec import fit_features
 from addressed_dynamics.features.transitions.windows import window_rows, windows
+from addressed_dynamics.sources.transitions.params import FeatureParams
 
 
 @given(lengths=st.lists(st.integers(1, 9), min_size=1, max_size=6), history=st.integers(1, 7))

@@ -10,12 +10,12 @@ import torch
 from example_params import EXAMPLE
 from report_examples import FILES
 
-from addressed_dynamics.base.params.motion import AugmentationParams, MotionFeatureParams
 from addressed_dynamics.base.params.training import AddressingParams, EnsembleParams
 from addressed_dynamics.episodes.layout import JOINTS, OUTPUT
 from addressed_dynamics.evaluation.common.specialisation import specialisation
 from addressed_dynamics.reporting.motion.origin import MotionOrigin
 from addressed_dynamics.reporting.motion.records import MotionEvaluation
+from addressed_dynamics.sources.motion.params import AugmentationParams, MotionFeatureParams
 
 FRAMES = 40
 OWN = "ensemble/argmax"

@@ -11,10 +11,10 @@ from pfnn_data import PFNN_DATA, needs_pfnn_data
 
 from addressed_dynamics import read_motion
 from addressed_dynamics.base.errors import MotionError
-from addressed_dynamics.base.params.motion import MotionConvertParams
 from addressed_dynamics.episodes.layout import MADE_UP, OUTPUT
 from addressed_dynamics.episodes.motion import Motion
 from addressed_dynamics.sources.motion.conversion import convert_motion, read_made_up
+from addressed_dynamics.sources.motion.params import MotionConvertParams
 from addressed_dynamics.sources.motion.splits import MOTION_SPLITS
 from addressed_dynamics.sources.motion.tables import INPUTS, OUTPUTS, load_motion
 

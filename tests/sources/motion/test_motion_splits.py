@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from motion_examples import concatenate, make_clip
 
 from addressed_dynamics.base.errors import MotionError
-from addressed_dynamics.base.params.motion import MotionConvertParams
 from addressed_dynamics.episodes.motion import Motion
+from addressed_dynamics.sources.motion.params import MotionConvertParams
 from addressed_dynamics.sources.motion.splits import CYCLES, MOTION_SPLITS, ROWS, TEST, TRAIN, VALIDATION, plan_splits
 from addressed_dynamics.sources.motion.survey import survey_clips
 

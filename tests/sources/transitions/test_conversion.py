@@ -12,7 +12,6 @@ from builders import CAR, RUN, append_rows, assert_same, car_transitions
 from builders import write_log as write_transitions
 
 from addressed_dynamics.base.errors import LogError, TableError
-from addressed_dynamics.base.params.experiments import ConvertParams
 from addressed_dynamics.episodes.index import read_episodes
 from addressed_dynamics.episodes.parquet import load_transitions, read_table
 from addressed_dynamics.episodes.splits import SPLITS, episode_places
@@ -21,6 +20,7 @@ from addressed_dynamics.episodes.transitions import SpaceSpec, Transitions
 from addressed_dynamics.logs import TransitionLogWriter, read_log
 from addressed_dynamics.sources.transitions import conversion
 from addressed_dynamics.sources.transitions.conversion import convert_recording
+from addressed_dynamics.sources.transitions.params import ConvertParams
 
 PARAMS = ConvertParams(validation_share=0.2, test_share=0.2, split_seed=0, row_group_rows=64)
 

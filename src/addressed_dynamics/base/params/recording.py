@@ -130,3 +130,11 @@ class RecordParams(Section):
             if isinstance(behaviour, DqnBehaviour):
                 learners.add(segment.name)
         return self
+
+
+class WalkerParams(Section):
+    """Clips that are made up, so that the experiment runs on a machine without motion capture."""
+
+    minutes: Positive
+    """Length of all clips together, mirrors included."""
+    seed: Seed

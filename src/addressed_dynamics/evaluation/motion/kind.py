@@ -3,7 +3,6 @@
 from pathlib import Path
 from typing import Any
 
-from addressed_dynamics.base.params.motion import MotionEvaluationParams
 from addressed_dynamics.base.torch_runtime import prepare_torch
 from addressed_dynamics.evaluation.common.evaluated import Evaluated
 from addressed_dynamics.evaluation.motion.candidates import (
@@ -23,6 +22,7 @@ from addressed_dynamics.evaluation.motion.suite import (
 )
 from addressed_dynamics.features.motion.features import MotionFeatures
 from addressed_dynamics.networks.files import load_network
+from addressed_dynamics.sources.motion.params import MotionEvaluationParams
 from addressed_dynamics.sources.motion.splits import MotionSplit
 from addressed_dynamics.sources.motion.tables import load_motion, read_columns
 from addressed_dynamics.training.losses import reported_loss

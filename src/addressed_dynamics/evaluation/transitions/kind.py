@@ -4,7 +4,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from addressed_dynamics.base.params.experiments import EvaluationParams
 from addressed_dynamics.base.params.training import EnsembleParams
 from addressed_dynamics.base.torch_runtime import prepare_torch
 from addressed_dynamics.episodes.index import read_episodes
@@ -32,6 +31,7 @@ from addressed_dynamics.evaluation.transitions.suite import (
 from addressed_dynamics.evaluation.transitions.truth import true_rollouts
 from addressed_dynamics.features.transitions.spec import FeatureSpec
 from addressed_dynamics.networks.files import load_network
+from addressed_dynamics.sources.transitions.params import EvaluationParams
 from addressed_dynamics.training.ensemble import untrained_ensemble
 from addressed_dynamics.training.losses import reported_loss
 

@@ -6,7 +6,6 @@ import numpy as np
 import torch
 from jaxtyping import Float32, Float64
 
-from addressed_dynamics.base.params.experiments import EnvironmentRollouts, RecordedRollouts
 from addressed_dynamics.base.threads import single_thread
 from addressed_dynamics.episodes.transitions import Dimension, SpaceSpec
 from addressed_dynamics.evaluation.transitions.candidates import Candidate
@@ -15,6 +14,7 @@ from addressed_dynamics.evaluation.transitions.spreads import against_horizon, s
 from addressed_dynamics.evaluation.transitions.truth import TrueRollouts
 from addressed_dynamics.simulators.addressed import AddressedDynamics
 from addressed_dynamics.simulators.modes import Mode
+from addressed_dynamics.sources.transitions.params import EnvironmentRollouts, RecordedRollouts
 
 LEFT_BOUNDS_TOLERANCE = 0.01
 """A predicted state has left the bounds when it lies outside by more than this share of their range."""

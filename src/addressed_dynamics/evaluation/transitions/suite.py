@@ -10,7 +10,6 @@ from jaxtyping import Float, Int64
 from torch import Tensor
 
 from addressed_dynamics.base.errors import EvaluationError
-from addressed_dynamics.base.params.experiments import EnvironmentRollouts, RecordedRollouts
 from addressed_dynamics.episodes.splits import Split
 from addressed_dynamics.evaluation.common.specialisation import specialisation
 from addressed_dynamics.evaluation.transitions.addressing_table import addressing_table
@@ -26,6 +25,7 @@ from addressed_dynamics.evaluation.transitions.rollouts import evaluate_rollouts
 from addressed_dynamics.evaluation.transitions.truth import TrueRollouts
 from addressed_dynamics.networks.stacked import StackedMLP, in_chunks
 from addressed_dynamics.simulators.addressed import AddressedDynamics
+from addressed_dynamics.sources.transitions.params import EnvironmentRollouts, RecordedRollouts
 from addressed_dynamics.training.losses import reported_loss
 
 

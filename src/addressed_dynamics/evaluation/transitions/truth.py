@@ -12,8 +12,8 @@ from jaxtyping import Bool, Float32, Float64, Int64
 
 import addressed_dynamics.envs  # noqa: F401 - registers the environments that a params file may name
 from addressed_dynamics.base.errors import EvaluationError
-from addressed_dynamics.base.params.experiments import EnvironmentRollouts, RecordedRollouts
 from addressed_dynamics.episodes.transitions import Dimension, Transitions
+from addressed_dynamics.sources.transitions.params import EnvironmentRollouts, RecordedRollouts
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from addressed_dynamics.base.params.motion import AugmentationParams
 from addressed_dynamics.episodes.layout import INPUT, INPUT_GAITS
 from addressed_dynamics.features.motion.features import MotionFeatures
+from addressed_dynamics.sources.motion.params import AugmentationParams
 
 JOINTS = INPUT.span("joint_position", "joint_velocity")
 

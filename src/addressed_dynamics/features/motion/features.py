@@ -16,10 +16,10 @@ from jaxtyping import Float, Float64
 from torch import Tensor
 
 from addressed_dynamics.base.errors import ModelError, MotionError
-from addressed_dynamics.base.params.motion import MotionFeatureParams
 from addressed_dynamics.episodes.layout import GAITS, INPUT, NOW, OFFSETS, OUTPUT, Layout
 from addressed_dynamics.episodes.motion import Motion
 from addressed_dynamics.features.common.samples import Samples
+from addressed_dynamics.sources.motion.params import MotionFeatureParams
 
 INPUT_GROUPS = (
     ("trajectory_position_x",), ("trajectory_position_z",), ("trajectory_direction_x",), ("trajectory_direction_z",),

@@ -4,10 +4,10 @@ from pathlib import Path
 
 from torch import from_numpy
 
-from addressed_dynamics.base.params.motion import MotionExperimentParams, MotionFeatureParams
 from addressed_dynamics.features.common.training_data import TrainingData
 from addressed_dynamics.features.motion.augmentation import MotionAugmentation
 from addressed_dynamics.features.motion.features import MotionFeatures, fit_motion_features
+from addressed_dynamics.sources.motion.params import MotionExperimentParams, MotionFeatureParams
 from addressed_dynamics.sources.motion.tables import load_motion
 
 FEATURES = MotionFeatures

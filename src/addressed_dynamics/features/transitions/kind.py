@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from addressed_dynamics.base.params.experiments import ExperimentParams, FeatureParams
 from addressed_dynamics.episodes.parquet import load_transitions
 from addressed_dynamics.features.common.training_data import TrainingData
 from addressed_dynamics.features.transitions.spec import FeatureSpec, fit_features
+from addressed_dynamics.sources.transitions.params import ExperimentParams, FeatureParams
 
 FEATURES = FeatureSpec
 """What networks of this kind of data are saved with."""

@@ -15,11 +15,11 @@ from jaxtyping import Float
 from torch import Tensor
 
 from addressed_dynamics.base.errors import ModelError, TransitionsError
-from addressed_dynamics.base.params.experiments import AngleParams, FeatureParams
 from addressed_dynamics.episodes.transitions import DiscreteAction, SpaceSpec, Transitions
 from addressed_dynamics.features.common.samples import Samples
 from addressed_dynamics.features.transitions.angles import velocity_from_angles, weighted_angle
 from addressed_dynamics.features.transitions.windows import check_lengths, window_rows, windows
+from addressed_dynamics.sources.transitions.params import AngleParams, FeatureParams
 
 DEVIATION_FLOOR = 1e-6
 """Least standard deviation an input is divided by, as a share of the range of its dimension (or of 1): a constant

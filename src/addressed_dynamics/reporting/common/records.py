@@ -8,8 +8,8 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from addressed_dynamics.base.errors import ReportError
-from addressed_dynamics.base.params.experiments import FeatureParams
 from addressed_dynamics.base.params.training import AddressingTraining, EnsembleParams
+from addressed_dynamics.sources.transitions.params import FeatureParams
 
 
 class Record(BaseModel):

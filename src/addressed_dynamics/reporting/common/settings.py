@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from addressed_dynamics.base.params.experiments import FeatureParams
 from addressed_dynamics.base.params.sections import OptimiserParams
 from addressed_dynamics.base.params.training import AddressingTraining, EnsembleParams
 from addressed_dynamics.reporting.common.numbers import listed, percent
 from addressed_dynamics.reporting.common.records import Recipe
+from addressed_dynamics.sources.transitions.params import FeatureParams
 
 
 def target_words(features: FeatureParams) -> str:

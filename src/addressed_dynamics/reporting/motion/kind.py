@@ -3,7 +3,6 @@
 from importlib.metadata import version
 from pathlib import Path
 
-from addressed_dynamics.base.params.motion import AugmentationParams
 from addressed_dynamics.base.params.training import AddressingParams, EnsembleParams
 from addressed_dynamics.features.motion.features import MotionFeatures
 from addressed_dynamics.networks.files import addressed_folders, load_network
@@ -13,6 +12,7 @@ from addressed_dynamics.reporting.motion.document import build_motion_report, mo
 from addressed_dynamics.reporting.motion.figures.films import write_motion_scene
 from addressed_dynamics.reporting.motion.origin import MotionOrigin
 from addressed_dynamics.reporting.motion.results import load_motion_results
+from addressed_dynamics.sources.motion.params import AugmentationParams
 
 LIBRARIES = ("addressed-dynamics", "numpy", "torch")
 SCENE = "closed-loop.mcap"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from statistics import mean
 
-from addressed_dynamics.base.params.experiments import AngleParams
 from addressed_dynamics.reporting.common.blocks import Column, Row, Table
 from addressed_dynamics.reporting.common.comparison import beats, compare, details
 from addressed_dynamics.reporting.common.numbers import MISSING, percent, scientific
@@ -20,6 +19,7 @@ from addressed_dynamics.reporting.common.records import (
 )
 from addressed_dynamics.reporting.common.settings import SETTINGS
 from addressed_dynamics.reporting.transitions.rollout_tables import median_mse, seconds
+from addressed_dynamics.sources.transitions.params import AngleParams
 
 TITLES = {"default_recipe": "the default recipe", "paper_recipe": "the paper's recipe"}
 """What a reader should see for the recipe that was not chosen, by the name of its baseline."""

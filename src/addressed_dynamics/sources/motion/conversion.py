@@ -13,9 +13,9 @@ from typing import Any
 
 from addressed_dynamics.base.errors import MotionError
 from addressed_dynamics.base.files import atomic_path, write_json
-from addressed_dynamics.base.params.motion import MotionConvertParams
 from addressed_dynamics.episodes.layout import MADE_UP
 from addressed_dynamics.episodes.statistics import moments_to_json
+from addressed_dynamics.sources.motion.params import MotionConvertParams
 from addressed_dynamics.sources.motion.report import Figures, motion_report
 from addressed_dynamics.sources.motion.source import stream_motion, survey_motion
 from addressed_dynamics.sources.motion.splits import MOTION_SPLITS, TEST, TRAIN, VALIDATION, MotionSplit, plan_splits

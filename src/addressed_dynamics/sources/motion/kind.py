@@ -3,8 +3,8 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from addressed_dynamics.base.params.motion import MotionConvertParams
 from addressed_dynamics.sources.motion.conversion import convert_motion
+from addressed_dynamics.sources.motion.params import MotionConvertParams
 
 
 def convert(

@@ -22,10 +22,10 @@ import numpy as np
 from jaxtyping import Float64, Int8, Int64
 
 from addressed_dynamics.base.errors import MotionError
-from addressed_dynamics.base.params.motion import MotionConvertParams
 from addressed_dynamics.episodes.coverage import row_fingerprints
 from addressed_dynamics.episodes.motion import Motion
 from addressed_dynamics.sources.motion.contents import CycleRows, Survey, cycle_starts
+from addressed_dynamics.sources.motion.params import MotionConvertParams
 
 MotionSplit = Literal["train", "validation", "test", "cycles", "rows"]
 MOTION_SPLITS: tuple[MotionSplit, ...] = get_args(MotionSplit)

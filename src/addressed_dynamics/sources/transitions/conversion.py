@@ -17,7 +17,6 @@ from jaxtyping import Float64, UInt64
 
 from addressed_dynamics.base.errors import LogError, TableError
 from addressed_dynamics.base.files import atomic_path, write_json
-from addressed_dynamics.base.params.experiments import ConvertParams
 from addressed_dynamics.base.processes import OrderedMap, worker_processes
 from addressed_dynamics.episodes.coverage import Occupancy, count_duplicates, first_duplicate, row_fingerprints
 from addressed_dynamics.episodes.findings import Finding, find, findings_to_json, refuse_useless
@@ -30,6 +29,7 @@ from addressed_dynamics.episodes.statistics import Moments, Sample, column_names
 from addressed_dynamics.episodes.summary import data_report, split_sizes, write_learner_curve
 from addressed_dynamics.episodes.transitions import SpaceSpec, Transitions
 from addressed_dynamics.logs import EpisodeRecord, LogContents, read_episodes
+from addressed_dynamics.sources.transitions.params import ConvertParams
 
 LEARNER = "dqn"
 """The behaviour whose episodes make the learning curve."""

@@ -3,8 +3,8 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from addressed_dynamics.base.params.experiments import ConvertParams
 from addressed_dynamics.sources.transitions.conversion import convert_recording
+from addressed_dynamics.sources.transitions.params import ConvertParams
 
 
 def convert(

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
+from addressed_dynamics.base.params.recording import WalkerParams
 from addressed_dynamics.base.params.sections import Count, Positive, Section, Seed, Share
 from addressed_dynamics.base.params.training import AddressingParams, BaselinesParams, EnsembleParams, RecipeChanges
 
@@ -65,14 +66,6 @@ class AugmentationParams(Section):
     disagree, as they do when a player asks for what no clip shows."""
 
 
-class WalkerParams(Section):
-    """Clips that are made up, so that the experiment runs on a machine without motion capture."""
-
-    minutes: Positive
-    """Length of all clips together, mirrors included."""
-    seed: Seed
-
-
 class ClosedLoopParams(Section):
     """The scripts of commands by which the addressing mode is chosen; the one that is judged is fixed."""
 
@@ -113,3 +106,7 @@ class MotionExperimentParams(Section):
     addressing: AddressingParams
     baselines: BaselinesParams
     evaluation: MotionEvaluationParams
+
+
+FORM = MotionExperimentParams
+"""What the params file says of an experiment of this kind."""

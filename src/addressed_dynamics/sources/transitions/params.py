@@ -1,0 +1,131 @@
+"""The sections of a params file that an experiment with transitions has."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from addressed_dynamics.base.params.recording import EnvironmentParams, RecordParams
+from addressed_dynamics.base.params.sections import Count, Positive, Section, Seed, Share
+from addressed_dynamics.base.params.source import SourceParams
+from addressed_dynamics.base.params.training import AddressingParams, BaselinesParams, EnsembleParams, RecipeChanges
+
+
+class ConvertParams(Section):
+    """From logs to tables."""
+
+    validation_share: Share
+    """Share of the episodes kept for choosing recipes."""
+    test_share: Share
+    """Share of the episodes kept for the evaluation."""
+    split_seed: Seed
+    """Seed of the hash that gives each episode its split."""
+    row_group_rows: Count
+    """Rows in a Parquet row group."""
+
+    @model_validator(mode="after")
+    def _leaves_training_data(self) -> ConvertParams:
+        if self.validation_share + self.test_share >= 1.0:
+            message = "validation_share + test_share must be below 1, or nothing is left to train on"
+            raise ValueError(message)
+        return self
+
+
+class AngleParams(Section):
+    """An angle that the observation gives by its cosine and its sine."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$")]
+    cosine: str
+    """Name of the dimension with its cosine."""
+    sine: str
+    """Name of the dimension with its sine."""
+    velocity: str | None = None
+    """Name of the dimension with its velocity, in rad/s, if there is one."""
+
+
+class FeatureParams(Section):
+    """What a network is given and what it is asked for."""
+
+    target: Literal["absolute", "change"]
+    """`absolute`: the next state, as in the paper; `change`: the next state minus the state."""
+    history: Count = 1
+    """Number of consecutive frames (states with their actions) that a network is given."""
+    history_weight: Positive = 1.0
+    """Size of the inputs of older frames beside those of the last, which is the state itself; 1 makes no difference
+    between them, as in the paper."""
+    angles: tuple[AngleParams, ...] = ()
+    """Angles given by cosine and sine; predicted cosines and sines are put back on the unit circle."""
+    angle_from: Literal["weighted", "atan2"] = "atan2"
+    """How an angle comes from a predicted cosine and sine: the paper's weighted mean (Section 3.3), or atan2."""
+    velocity: Literal["difference", "predicted"] = "predicted"
+    """Where the angles' velocities come from: differences of successive angles, as in the paper, or the network."""
+
+
+class EnvironmentRollouts(Section):
+    """Free-running rollouts beside an environment that acts under a behaviour no model has seen."""
+
+    kind: Literal["environment"]
+    environment: EnvironmentParams
+    episodes: Count
+    steps: Count
+    seed: Seed
+    swing_share: Share
+    """Largest share of stretches in which the behaviour pushes in the direction of motion, which drives a car to both
+    walls; in the others it holds a random action."""
+    mean_hold_steps: Annotated[float, Field(ge=1.0)]
+    """Mean length of a stretch, in steps (geometric)."""
+
+
+class RecordedRollouts(Section):
+    """Free-running rollouts beside stretches of held-out episodes, under the actions recorded there."""
+
+    kind: Literal["recorded"]
+    episodes: Count
+    """Stretches to replay; fewer if the held-out episodes have no more."""
+    steps: Annotated[int, Field(ge=2)]
+    """Steps in a stretch; if no held-out episode is as long, as many as the longest allows."""
+    seed: Seed
+    """Which stretches are taken, if there are more than asked for."""
+    physics: Literal["acrobot"] | None = None
+    """`acrobot`: judge angles and energy too, beside simulations by the true equations of motion."""
+    apart: Positive = 1e-6
+    """How far the first angles of two true simulations are apart at the start, in rad, to show what is possible."""
+
+
+class EvaluationParams(Section):
+    """What is measured on held-out episodes."""
+
+    rollouts: Annotated[EnvironmentRollouts | RecordedRollouts, Field(discriminator="kind")]
+
+
+class ExperimentParams(Section):
+    """All sections of one experiment; its transitions are either recorded or imported."""
+
+    title: str
+    recipe: Literal["default", "paper"] = "default"
+    """Whether the sections below hold as they are, or with what `paper_recipe` changes."""
+    paper_recipe: RecipeChanges = Field(default_factory=RecipeChanges)
+    """What the paper does otherwise; its addressing holds for `baselines.addressing` too."""
+    record: RecordParams | None = None
+    """What to record; absent if there is a `source`."""
+    source: SourceParams | None = None
+    """Which logs or tables to import; absent if there is a `record`."""
+    convert: ConvertParams
+    features: FeatureParams
+    ensemble: EnsembleParams
+    addressing: AddressingParams
+    baselines: BaselinesParams
+    evaluation: EvaluationParams
+
+    @model_validator(mode="after")
+    def _has_one_origin(self) -> ExperimentParams:
+        if (self.record is None) == (self.source is None):
+            found = "neither" if self.record is None else "both"
+            message = f"an experiment has either 'record' or 'source', but this one has {found}"
+            raise ValueError(message)
+        return self
+
+
+FORM = ExperimentParams
+"""What the params file says of an experiment of this kind."""
