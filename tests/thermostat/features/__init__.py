@@ -1,0 +1,1 @@
+"""A kind of data that is made up for a test: the temperature of a room."""
