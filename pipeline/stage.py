@@ -13,11 +13,13 @@ from typing import Any, NoReturn
 
 from tqdm import tqdm
 
-from addressed_dynamics.base.errors import AddressedDynamicsError
+from addressed_dynamics.base.errors import AddressedDynamicsError, ParamsError
 from addressed_dynamics.base.files import atomic_path
 
 DATA = Path("data")
 """Everything DVC owns; relative, because DVC runs stages in the root of the repository."""
+PROCESSES = "ADDRESSED_DYNAMICS_PROCESSES"
+"""Environment variable with the number of trainings at the same time."""
 
 
 def raw_dir(experiment: str) -> Path:
@@ -58,6 +60,24 @@ def checkpoints_dir(experiment: str) -> Path:
 def available_cores() -> int:
     """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def training_processes() -> int:
+    """Return how many trainings run at the same time, each in a process with one thread.
+
+    As many as there are cores, or as the environment variable `ADDRESSED_DYNAMICS_PROCESSES` says: no param, because
+    what comes out does not depend on it.
+
+    Raises:
+        ParamsError: the variable is no positive whole number.
+    """
+    asked = os.environ.get(PROCESSES)
+    if asked is None:
+        return available_cores()
+    if not asked.isdecimal() or int(asked) < 1:
+        message = f"{PROCESSES} should be a positive whole number, but is '{asked}'; unset it for one process a core"
+        raise ParamsError(message)
+    return int(asked)
 
 
 def progress(description: str, unit: str, total: int | None = None) -> "tqdm[NoReturn]":

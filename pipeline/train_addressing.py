@@ -4,7 +4,7 @@ from addressed_dynamics.base.kinds import supplied
 from addressed_dynamics.base.params.experiments import load_experiment
 from addressed_dynamics.base.torch_runtime import prepare_torch
 from addressed_dynamics.networks.files import load_any_network
-from pipeline.stage import Call, run_stage, tables_dir
+from pipeline.stage import Call, run_stage, tables_dir, training_processes
 from pipeline.trainings import Stage, train_addressings, trained_ensembles
 
 
@@ -18,7 +18,7 @@ def main(call: Call) -> None:
     # The features are the ensemble's: what they depend on is in its notes.
     names = [name for name in (*kind.SECTIONS, "addressing") if name != "features"]
     recipe = {name: getattr(sections, name).model_dump(mode="json") for name in names}
-    stage = Stage("train_addressing", call.experiment, call.params_file, sections.addressing.processes)
+    stage = Stage("train_addressing", call.experiment, call.params_file, training_processes())
     train_addressings(stage, data, ensembles, sections.addressing, recipe)
 
 

@@ -8,7 +8,7 @@ from addressed_dynamics.base.params.experiments import load_recipes
 from addressed_dynamics.base.torch_runtime import prepare_torch
 from addressed_dynamics.training.baselines import plan_baselines
 from pipeline.baselines import train_baselines
-from pipeline.stage import Call, run_stage, tables_dir
+from pipeline.stage import Call, run_stage, tables_dir, training_processes
 from pipeline.trainings import Stage
 
 
@@ -27,7 +27,7 @@ def main(call: Call) -> None:
         else kind.load_training_data(tables, each.sections, each.features, augmented=not each.by_phase)
         for name, each in plan.items()
     }
-    stage = Stage("train_baselines", call.experiment, call.params_file, chosen.baselines.processes)
+    stage = Stage("train_baselines", call.experiment, call.params_file, training_processes())
     train_baselines(stage, plan, own, chosen.baselines.seeds)
 
 

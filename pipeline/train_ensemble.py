@@ -3,7 +3,7 @@
 from addressed_dynamics.base.kinds import supplied
 from addressed_dynamics.base.params.experiments import load_experiment
 from addressed_dynamics.base.torch_runtime import prepare_torch
-from pipeline.stage import Call, run_stage, tables_dir
+from pipeline.stage import Call, run_stage, tables_dir, training_processes
 from pipeline.trainings import Stage, train_ensembles
 
 
@@ -13,7 +13,7 @@ def main(call: Call) -> None:
     prepare_torch(threads=1)
     data = kind.load_training_data(tables_dir(call.experiment), sections, sections.features)
     recipe = {name: getattr(sections, name).model_dump(mode="json") for name in (*kind.SECTIONS, "ensemble")}
-    stage = Stage("train_ensemble", call.experiment, call.params_file, sections.ensemble.processes)
+    stage = Stage("train_ensemble", call.experiment, call.params_file, training_processes())
     train_ensembles(stage, data, sections.ensemble, recipe)
 
 

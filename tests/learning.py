@@ -26,7 +26,7 @@ CHANGE = FeatureParams(target="change")
 OPTIMISER = OptimiserParams(learning_rate=1e-2, betas=(0.9, 0.99), final_share=0.1)
 ENSEMBLE = EnsembleParams(
     seeds=(0,), members=2, hidden=(16, 16), activation="relu", loss="mse", optimiser=OPTIMISER, batch_size=8, epochs=6,
-    cluster_epochs=4, processes=1,
+    cluster_epochs=4,
 )  # fmt: skip
 ADDRESSING = AddressingTraining(
     hidden=(16,), heads=(), activation="relu", optimiser=OPTIMISER, batch_size=8, epochs=5, tie_share=0.5

@@ -20,7 +20,13 @@ def environment(clone: Path) -> dict[str, str]:
     names = {"DVC_ROOT", "DVC_EXP_NAME", "MLFLOW_TRACKING_URI"}
     kept = {name: value for name, value in os.environ.items() if name not in names}
     path = f"{Path(sys.executable).parent}{os.pathsep}{kept.get('PATH', '')}"
-    return {**kept, "PATH": path, "PYTHONPATH": str(clone / "src"), "DVC_NO_ANALYTICS": "true"}
+    return {
+        **kept,
+        "PATH": path,
+        "PYTHONPATH": str(clone / "src"),
+        "DVC_NO_ANALYTICS": "true",
+        "ADDRESSED_DYNAMICS_PROCESSES": "1",
+    }
 
 
 def dvc(clone: Path, *arguments: str) -> str:

@@ -18,7 +18,11 @@ from addressed_dynamics.episodes.parquet import load_transitions
 
 ROOT = Path(__file__).parents[1]
 EXAMPLE = ROOT / "examples" / "pendulum"
-ENVIRONMENT = os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'src'}", "OMP_NUM_THREADS": "1"}
+ENVIRONMENT = os.environ | {
+    "PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'src'}",
+    "OMP_NUM_THREADS": "1",
+    "ADDRESSED_DYNAMICS_PROCESSES": "1",
+}
 STAGES = ("import_data", "convert", "train_ensemble", "train_addressing", "train_baselines", "evaluate", "report")
 ALL_STAGES = f"""
 from importlib import import_module

@@ -14,12 +14,12 @@ from typing import Any
 import pytest
 from example_params import EXAMPLE, MOTION, segment, write_params
 
-from addressed_dynamics.base.errors import LogError
+from addressed_dynamics.base.errors import LogError, ParamsError
 from addressed_dynamics.episodes.parquet import load_transitions
 from addressed_dynamics.sources.motion.splits import MOTION_SPLITS
 from addressed_dynamics.sources.motion.tables import read_columns
 from pipeline import convert, record
-from pipeline.stage import Call, run_stage
+from pipeline.stage import Call, available_cores, run_stage, training_processes
 
 ROOT = Path(__file__).parents[1]
 ENVIRONMENT = os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'src'}"}
@@ -168,6 +168,17 @@ def test_sigterm_cleans_up_like_ctrl_c(monkeypatch: pytest.MonkeyPatch, capsys: 
     assert capsys.readouterr().err == "terminated\n"
 
 
+def test_the_number_of_trainings_at_the_same_time_is_a_setting_of_the_machine(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("ADDRESSED_DYNAMICS_PROCESSES", raising=False)
+    assert training_processes() == available_cores()
+    monkeypatch.setenv("ADDRESSED_DYNAMICS_PROCESSES", "3")
+    assert training_processes() == 3
+    for wrong in ("0", "-1", "two", ""):
+        monkeypatch.setenv("ADDRESSED_DYNAMICS_PROCESSES", wrong)
+        with pytest.raises(ParamsError, match=f"should be a positive whole number, but is '{wrong}'"):
+            training_processes()
+
+
 def test_a_kind_of_data_that_does_not_exist_is_one_line(
     motion_folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -265,7 +276,7 @@ for name in ("first", "second"):
 def test_all_baselines_of_motion_are_trained_again_to_the_same_bytes(tmp_path: Path) -> None:
     names = ["phase_functioned", "learned_blend", "total_parameters", "same_size", "other_recipe"]
     write_params(tmp_path / "params.yaml", car=MOTION | {"baselines": MOTION["baselines"] | {"train": names}})
-    environment = ENVIRONMENT | {"OMP_NUM_THREADS": "1"}
+    environment = ENVIRONMENT | {"OMP_NUM_THREADS": "1", "ADDRESSED_DYNAMICS_PROCESSES": "1"}
     done = subprocess.run(
         [sys.executable, "-W", "error", "-c", TRAIN_BASELINES],
         cwd=tmp_path, env=environment, capture_output=True, text=True, check=False,

@@ -275,6 +275,7 @@ def test_the_lists_at_the_top_of_a_file_are_no_experiments(tmp_path: Path) -> No
         ({"motions": {"walk": "clips"}}, "motions"),
         ({"experiments": ["walk"]}, "a list under 'experiments'"),
         ({"walk": MOTION | {"kind": "motion"}}, "walk.kind"),
+        ({"walk": MOTION | {"ensemble": MOTION["ensemble"] | {"processes": 2}}}, "walk.ensemble.processes"),
         ({"walk": MOTION | {"walker": {"seed": 0}}}, "walk.walker"),
     ],
 )

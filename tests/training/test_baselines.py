@@ -48,7 +48,6 @@ def experiment(**changes: Any) -> ExperimentParams:
             "pair_epochs": 3,
             "seeds": [0],
             "addressing": ADDRESSING.model_dump(mode="json"),
-            "processes": 1,
         },
     }
     return ExperimentParams.model_validate_json(json.dumps(section | changes))
@@ -180,7 +179,7 @@ def test_networks_that_a_phase_mixes_need_data_with_a_phase_and_see_them_as_pfnn
 OPTIMISER = OptimiserParams(learning_rate=1e-3, betas=(0.9, 0.99), final_share=0.0)
 RESTARTED = EnsembleParams(
     seeds=(0,), members=4, hidden=(32, 16), activation="elu", loss="mae", optimiser=OPTIMISER, batch_size=32,
-    dropout=0.1, epochs=20, cluster_epochs=5, restart=True, processes=1,
+    dropout=0.1, epochs=20, cluster_epochs=5, restart=True,
 )  # fmt: skip
 BLENDED = BlendedNetwork(
     hidden=(32,), gate_hidden=(8,), members=3, activation="relu", loss="mse", optimiser=OPTIMISER, batch_size=16,
@@ -225,7 +224,7 @@ def test_a_blended_training_differs_from_its_network_by_its_length_alone() -> No
 
 
 def test_a_single_network_is_trained_as_a_member_is_but_for_what_is_said_of_it() -> None:
-    same = {"hidden", "activation", "loss", "optimiser", "batch_size", "dropout", "seeds", "processes"}
+    same = {"hidden", "activation", "loss", "optimiser", "batch_size", "dropout", "seeds"}
     like_a_member = same_size(RESTARTED, 1000)
     assert like_a_member.model_dump(include=same) == RESTARTED.model_dump(include=same)
     assert (like_a_member.members, like_a_member.cluster_epochs, like_a_member.restart) == (1, 1, False)

@@ -34,7 +34,7 @@ pytestmark = pytest.mark.slow
 
 def long_training(epochs: int = EPOCHS) -> dict[str, Any]:
     """The tiny params with two trainings side by side in each stage, long enough to be cut off."""
-    sides = {"epochs": epochs, "processes": 2}
+    sides = {"epochs": epochs}
     return EXAMPLE | {
         "ensemble": EXAMPLE["ensemble"] | sides | {"seeds": [0, 1], "cluster_epochs": epochs},
         "addressing": EXAMPLE["addressing"] | sides | {"variants": ["cost_sensitive"]},
@@ -49,7 +49,8 @@ def closed_port() -> int:
 
 def start(name: str, folder: Path, stderr: int) -> subprocess.Popen[str]:
     command = [sys.executable, "-m", f"pipeline.{name}", "car", "--params", "params.yaml"]
-    environment = ENVIRONMENT | {"MLFLOW_TRACKING_URI": f"http://127.0.0.1:{closed_port()}"}
+    settings = {"MLFLOW_TRACKING_URI": f"http://127.0.0.1:{closed_port()}", "ADDRESSED_DYNAMICS_PROCESSES": "2"}
+    environment = ENVIRONMENT | settings
     return subprocess.Popen(command, cwd=folder, env=environment, stderr=stderr, text=True, start_new_session=True)
 
 

@@ -25,7 +25,7 @@ AUGMENT = MotionAugmentation(FEATURES, TRAIN.x, AugmentationParams(pose_mix=0.2,
 OPTIMISER = OptimiserParams(learning_rate=1e-3, betas=(0.9, 0.999), final_share=0.0)
 ENSEMBLE = EnsembleParams(
     seeds=(0,), members=2, hidden=(16,), activation="elu", loss="mse", optimiser=OPTIMISER, batch_size=16, epochs=4,
-    cluster_epochs=2, processes=1,
+    cluster_epochs=2,
 )  # fmt: skip
 ADDRESSING = AddressingTraining(
     hidden=(8,), heads=(), activation="elu", optimiser=OPTIMISER, batch_size=16, epochs=4, tie_share=1.0

@@ -103,12 +103,14 @@ def _refuse_old_form(path: Path, experiment: str, document: dict[str, Any]) -> N
     old = sorted({"motions", "made_up"} & set(document))
     if isinstance(section, dict):
         old += [f"{experiment}.{key}" for key in ("walker", "kind") if key in section]
+        parts = ("ensemble", "addressing", "baselines")
+        old += [f"{experiment}.{key}.processes" for key in parts if "processes" in (section.get(key) or {})]
     if old or isinstance(document.get("experiments"), list):
         found = ", ".join(old or ["a list under 'experiments'"])
         message = (
             f"{path}: a params file of an earlier form ({found}): 'experiments' is now a mapping of names to "
             "{kind: transitions or motion, raw: folder of the raw data}, 'recorded' one of names to kinds, 'motions' "
-            "and 'made_up' are gone, and in a section 'walker' is 'record' and 'kind' is left out; see "
+            "and 'made_up' are gone, and in a section 'walker' is 'record', 'kind' and 'processes' are left out; see "
             "docs/decisions/0012-kinds.md"
         )
         raise ParamsError(message)

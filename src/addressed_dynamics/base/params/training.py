@@ -30,8 +30,6 @@ class EnsembleParams(Section):
     """Bins are made anew in the first so many epochs and kept after that; as many as `epochs` is the paper's way."""
     restart: bool = False
     """Whether the networks start again, untrained, when the bins are kept: they then see nothing but their own bins."""
-    processes: Count
-    """Seeds that are trained at the same time, each in a process with one thread."""
 
     @model_validator(mode="after")
     def _restarts_before_the_end(self) -> EnsembleParams:
@@ -68,8 +66,6 @@ class AddressingParams(AddressingTraining):
     """Which ones to train: `plain` is the paper's; `cost_sensitive` weighs a sample by what a wrong choice costs."""
     deliver: Literal["best", "plain", "cost_sensitive"]
     """Which one becomes part of the model: a variant, or the one with the lowest regret on validation episodes."""
-    processes: Count
-    """Networks that are trained at the same time, each in a process with one thread."""
 
     @model_validator(mode="after")
     def _delivers_what_is_trained(self) -> AddressingParams:
@@ -158,8 +154,6 @@ class BaselinesParams(Section):
     """One of each is trained from each seed."""
     addressing: AddressingTraining
     """The addressing networks of `unequal_bins`, `random_bins` and `other_recipe`, trained on plain argmin targets."""
-    processes: Count
-    """Networks that are trained at the same time, each in a process with one thread."""
 
     @model_validator(mode="after")
     def _says_how_to_blend(self) -> BaselinesParams:
