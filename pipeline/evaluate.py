@@ -4,7 +4,16 @@ from addressed_dynamics import tracking
 from addressed_dynamics.base.files import atomic_path, save_arrays, write_json
 from addressed_dynamics.base.kinds import supplied
 from addressed_dynamics.base.params.experiments import load_experiment
-from pipeline.stage import Call, available_cores, evaluation_dir, models_dir, run_stage, tables_dir, write_curves
+from pipeline.stage import (
+    Call,
+    available_cores,
+    evaluation_dir,
+    models_dir,
+    reports_dir,
+    run_stage,
+    tables_dir,
+    write_curves,
+)
 
 
 def main(call: Call) -> None:
@@ -22,6 +31,7 @@ def main(call: Call) -> None:
                           params=params.model_dump(mode="json"), params_file=call.params_file) as run:  # fmt: skip
             run.log(found.headline, step=0)
             run.log_output(folder)
+    write_json(reports_dir(experiment) / "summary.json", found.summary)
 
 
 if __name__ == "__main__":

@@ -3,13 +3,13 @@
 import hashlib
 import json
 import os
-import re
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from example_command import overrides
 from example_params import write_params
 from ruamel.yaml import YAML
 
@@ -67,12 +67,6 @@ def test_the_params_of_the_example_are_params_and_name_themselves() -> None:
     document = YAML(typ="safe", pure=True).load((EXAMPLE / "params.yaml").read_text(encoding="utf-8"))
     assert document["params_file"] == (EXAMPLE / "params.yaml").relative_to(ROOT).as_posix()
     assert list(document["experiments"]) == list(document["imported"]) == ["pendulum"]
-
-
-def overrides(file: Path) -> list[str]:
-    """Return the settings that the command `dvc exp run` in a file gives the example."""
-    command = file.read_text(encoding="utf-8").partition("dvc exp run report@pendulum")[2].replace("\\\n", " ")
-    return [quoted or plain for quoted, plain in re.findall(r"-S (?:'([^']+)'|(\S+))", command.partition("\n")[0])]
 
 
 def test_the_command_for_the_example_adds_it_to_what_the_pipeline_runs(tmp_path: Path) -> None:

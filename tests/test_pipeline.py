@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from example_command import overrides
 from pipeline_clones import KINDS, STAGES, dvc, edit_params, environment, new_clone, stages_run
 from ruamel.yaml import YAML
 from stage_dependencies import ROOT, first_party
@@ -128,6 +129,8 @@ def test_the_pipeline_ends_in_a_report_metrics_and_tracked_runs(finished: Path) 
     report = (finished / "data" / "reports" / "mountaincar" / "report.html").read_text(encoding="utf-8")
     assert "Table 1" in report
     assert (finished / ".mlflow" / "mlflow.db").exists()
+    shown = dvc(finished, "metrics", "show")
+    assert all(name in shown for name in ("best_network_chosen_percent", "held_out_mae", "closed_loop_score"))
 
 
 @pytest.mark.slow
@@ -238,3 +241,21 @@ def test_an_imported_experiment_is_converted_like_a_recorded_one_and_follows_its
     assert stages_run(dvc(clone, "repro", "convert@arm")) == []
     (clone / "logs" / "more.csv").write_text("\n".join(["episode,angle,push", *rows]))
     assert stages_run(dvc(clone, "repro", "convert@arm")) == ["import@arm", "convert@arm"]
+
+
+@pytest.mark.slow
+def test_the_example_after_a_finished_pipeline_leaves_the_data_of_the_other_experiments_where_they_are(
+    clone: Path,
+) -> None:
+    example = clone / "examples" / "pendulum"
+    script = [sys.executable, "examples/pendulum/make_logs.py", "--episodes", "4", "--seconds", "6"]
+    subprocess.run(script, cwd=clone, env=environment(clone), check=True, capture_output=True)
+    params = (example / "params.yaml").read_text(encoding="utf-8")
+    (example / "params.yaml").write_text(re.sub(r"epochs: \d+", "epochs: 2", params), encoding="utf-8")
+    before = {path: path.stat().st_size for path in (clone / "data").rglob("*") if path.is_file()}
+    assert len(before) > 100
+    settings = [part for setting in overrides(ROOT / "Makefile") for part in ("-S", setting)]
+    ran = stages_run(dvc(clone, "exp", "run", "report@pendulum", *settings))
+    assert ran == [f"{stage}@pendulum" for stage in ("import", *STAGES[1:])]
+    assert {path: path.stat().st_size for path in before if path.is_file()} == before
+    assert (clone / "data" / "reports" / "pendulum" / "report.html").is_file()

@@ -22,4 +22,4 @@ def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int
     with torch.no_grad():
         error = (ensemble.stack.forward_routed(samples.x, chosen) - samples.y).abs() * ensemble.features.scale
     found = {"mean_error": error.mean().item()} | ({"worst_error": error.max().item()} if params.worst else {})
-    return Evaluated(found, {"error": error.numpy()}, {}, found, seed=0)
+    return Evaluated(found, {"error": error.numpy()}, {}, found, found, seed=0)

@@ -19,5 +19,7 @@ class Evaluated:
     """Rows of CSV files, by the file's name."""
     headline: dict[str, float]
     """The figures that a table of runs should show."""
+    summary: dict[str, float]
+    """The few figures that are in Git."""
     seed: int
     """The seed that is delivered."""

@@ -20,6 +20,7 @@ from addressed_dynamics.evaluation.motion.suite import (
     motion_arrays,
     shown_candidates,
 )
+from addressed_dynamics.evaluation.motion.summary import summarise
 from addressed_dynamics.features.motion.features import MotionFeatures
 from addressed_dynamics.networks.files import load_network
 from addressed_dynamics.sources.motion.params import MotionEvaluationParams
@@ -66,7 +67,7 @@ def evaluate(tables: Path, models: Path, params: MotionEvaluationParams, *, core
         },
     }
     arrays = motion_arrays(shown_candidates(candidates, seed, mode), traces, data)
-    return Evaluated(report, arrays, {}, _headline(report), seed=seed)
+    return Evaluated(report, arrays, {}, _headline(report), summarise(report), seed=seed)
 
 
 def _headline(report: dict[str, Any]) -> dict[str, float]:

@@ -28,6 +28,7 @@ from addressed_dynamics.evaluation.transitions.suite import (
     figure_arrays,
     pair_arrays,
 )
+from addressed_dynamics.evaluation.transitions.summary import summarise
 from addressed_dynamics.evaluation.transitions.truth import true_rollouts
 from addressed_dynamics.features.transitions.spec import FeatureSpec
 from addressed_dynamics.networks.files import load_network
@@ -75,7 +76,7 @@ def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int
         two = recipe.model_copy(update={"members": network.members})
         start = untrained_ensemble(model.features.inputs, model.features.outputs, two, seed=seed)
         arrays |= pair_arrays(network, start, points["test"], loss)
-    return Evaluated(report, arrays, {"horizon": horizon}, _headline(report), seed=first)
+    return Evaluated(report, arrays, {"horizon": horizon}, _headline(report), summarise(report), seed=first)
 
 
 def ensemble_recipe(folder: Path, seed: int) -> EnsembleParams:
