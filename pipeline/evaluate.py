@@ -4,6 +4,7 @@ from addressed_dynamics import tracking
 from addressed_dynamics.base.files import atomic_path, save_arrays, write_json
 from addressed_dynamics.base.kinds import supplied
 from addressed_dynamics.base.params.experiments import load_experiment
+from addressed_dynamics.simulators.delivery import write_delivered
 from pipeline.stage import (
     Call,
     available_cores,
@@ -27,10 +28,12 @@ def main(call: Call) -> None:
         for name, rows in found.curves.items():
             write_curves(folder / f"{name}.csv", rows)
         write_json(folder / "evaluation.json", found.report)
-        with tracking.run(stage="evaluate", experiment=experiment, name=f"{experiment} evaluation seed={found.seed}",
-                          params=params.model_dump(mode="json"), params_file=call.params_file) as run:  # fmt: skip
+        name = f"{experiment} evaluation seed={found.delivered.seed}"
+        with tracking.run(stage="evaluate", experiment=experiment, name=name, params=params.model_dump(mode="json"),
+                          params_file=call.params_file) as run:  # fmt: skip
             run.log(found.headline, step=0)
             run.log_output(folder)
+    write_delivered(models_dir(experiment), found.delivered)
     write_json(reports_dir(experiment) / "summary.json", found.summary)
 
 

@@ -1,4 +1,5 @@
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from addressed_dynamics.episodes.transitions import DiscreteAction, Transitions
 from addressed_dynamics.networks.files import SavedNetwork, save_network
 from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.simulators.addressed import AddressedDynamics
+from addressed_dynamics.simulators.delivery import Delivered, write_delivered
 from addressed_dynamics.simulators.modes import MODES, Mode
 
 WORLDS = {"car": drive((30, 20)), "arm": swing()}
@@ -207,6 +209,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
             save_network(folder / "addressing" / f"seed-{seed}" / variant, SavedNetwork(addressing, model.features, {}))
     index = {"format": 1, "delivered": {"4": "cost_sensitive", "2": "plain"}, "variants": ["plain", "cost_sensitive"]}
     (folder / "addressing" / "addressing.json").write_text(json.dumps(index))
+    alone = StackedMLP(1, (5, 4, 2), "relu", torch.Generator().manual_seed(9)).requires_grad_(False)
+    for name in ("relu_512/seed-3", "relu_512/seed-5", "pair/seed-3"):
+        save_network(folder / "baselines" / name / "network", SavedNetwork(alone, model.features, {}))
+    trained = {"format": 1, "trained": ["relu_512/seed-3", "relu_512/seed-5"], "pair": ["pair/seed-3"]}
+    (folder / "baselines" / "baselines.json").write_text(json.dumps(trained))
+    write_delivered(folder, Delivered(4, "cost_sensitive", "argmax"))
     return folder
 
 
@@ -226,6 +234,48 @@ def test_what_is_delivered_is_loaded_unless_another_is_asked_for(folder: Path) -
     assert is_of(AddressedDynamics.load(str(folder), seed=2), 2, "plain")
     assert is_of(AddressedDynamics.load(folder, variant="plain"), 4, "plain")
     assert is_of(AddressedDynamics.load(folder, seed=2, variant="cost_sensitive"), 2, "cost_sensitive")
+
+
+def test_another_seed_and_variant_than_the_first_are_loaded_if_they_are_what_evaluation_delivered(
+    folder: Path, tmp_path: Path
+) -> None:
+    copy = shutil.copytree(folder, tmp_path / "car")
+    write_delivered(copy, Delivered(2, "cost_sensitive", "argmax"))
+    assert is_of(AddressedDynamics.load(copy), 2, "cost_sensitive")
+
+
+def test_any_other_model_that_was_trained_is_loaded_by_its_name(folder: Path) -> None:
+    for seed in (None, 5):
+        model = AddressedDynamics.load(folder, candidate="relu_512", seed=seed)
+        assert (model.ensemble.members, model.ensemble.widths, model.addressing) == (1, (5, 4, 2), None)
+    assert is_of(AddressedDynamics.load(folder, candidate="ensemble"), 4, "cost_sensitive")
+    with pytest.raises(ModelError, match=r"no candidate 'relu' \(candidates there: ensemble, relu_512\)"):
+        AddressedDynamics.load(folder, candidate="relu")
+    with pytest.raises(ModelError, match=r"'relu_512' was not trained from seed 4 \(seeds there: 3, 5\)"):
+        AddressedDynamics.load(folder, candidate="relu_512", seed=4)
+    with pytest.raises(ModelError, match="'relu_512' has none"):
+        AddressedDynamics.load(folder, candidate="relu_512", variant="plain")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (None, r"nobody knows which of the models is delivered; .*'dvc repro evaluate@car'"),
+        ("{", "damaged"),
+        ('{"format": 1, "seed": 4}', "incomplete or malformed"),
+        ('{"format": 1, "seed": "x", "variant": null, "mode": "argmax"}', "incomplete or malformed"),
+    ],
+)
+def test_a_folder_that_does_not_say_what_is_delivered_gives_no_model_of_its_own_choice(
+    folder: Path, tmp_path: Path, text: str | None, said: str
+) -> None:
+    copy = shutil.copytree(folder, tmp_path / "car")
+    (copy / "delivered.json").unlink()
+    if text is not None:
+        (copy / "delivered.json").write_text(text)
+    with pytest.raises(ModelError, match=said):
+        AddressedDynamics.load(copy)
+    assert is_of(AddressedDynamics.load(copy, seed=2), 2, "plain")
 
 
 def test_a_loaded_model_predicts_what_the_saved_one_predicted(folder: Path) -> None:
@@ -252,7 +302,7 @@ def test_a_folder_that_is_missing_or_incomplete_is_refused(tmp_path: Path) -> No
         AddressedDynamics.load(tmp_path / "nowhere")
     (tmp_path / "addressing").mkdir()
     with pytest.raises(ModelError, match="not a whole model folder"):
-        AddressedDynamics.load(tmp_path)
+        AddressedDynamics.load(tmp_path, seed=0)
     (tmp_path / "addressing" / "addressing.json").write_text('{"format": 1, "delivered": 3, "variants": []}')
     with pytest.raises(ModelError, match="incomplete or malformed"):
-        AddressedDynamics.load(tmp_path)
+        AddressedDynamics.load(tmp_path, seed=0)

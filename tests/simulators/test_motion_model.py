@@ -8,9 +8,12 @@ import torch
 from motions import make_motion
 
 from addressed_dynamics.base.errors import ModelError
+from addressed_dynamics.base.files import write_json
 from addressed_dynamics.features.motion.features import MotionFeatures, fit_motion_features
+from addressed_dynamics.networks.files import SavedNetwork, save_network
 from addressed_dynamics.networks.spline import catmull_rom
 from addressed_dynamics.networks.stacked import StackedMLP
+from addressed_dynamics.simulators.delivery import Delivered, write_delivered
 from addressed_dynamics.simulators.motion import MOTION_MODES, MotionMode, MotionModel
 from addressed_dynamics.sources.motion.params import MotionFeatureParams
 
@@ -123,3 +126,18 @@ def test_features_of_the_model_are_those_it_was_saved_with(tmp_path: Path) -> No
     loaded = MotionModel.load(tmp_path / "model")
     assert isinstance(loaded.features, MotionFeatures)
     assert loaded.features == FEATURES
+
+
+def test_a_folder_of_models_gives_the_seed_and_the_mode_that_evaluation_delivered(tmp_path: Path) -> None:
+    for seed in (0, 2):
+        model = MotionModel(FEATURES, stack(3, 342, 8, 311, seed=seed), stack(1, 342, 8, 3, seed=seed))
+        assert model.addressing is not None
+        save_network(tmp_path / "ensemble" / f"seed-{seed}", SavedNetwork(model.networks, FEATURES, {}))
+        save_network(tmp_path / "addressing" / f"seed-{seed}" / "plain", SavedNetwork(model.addressing, FEATURES, {}))
+    index = {"format": 1, "delivered": {"0": "plain", "2": "plain"}, "variants": ["plain"]}
+    write_json(tmp_path / "addressing" / "addressing.json", index)
+    write_delivered(tmp_path, Delivered(2, None, "mixture"))
+    loaded = MotionModel.load(tmp_path)
+    assert loaded.mode == "mixture"
+    assert torch.equal(loaded.networks.weights[0], stack(3, 342, 8, 311, seed=2).weights[0])
+    assert MotionModel.load(tmp_path, seed=0).mode == "argmax"

@@ -257,7 +257,7 @@ def test_what_is_loaded_returns_whole_states_whatever_its_network_predicts_insid
     save_network(tmp_path / "addressing" / "seed-0" / "plain", SavedNetwork(saved.addressing, saved.features, {}))
     index = {"format": 1, "delivered": {"0": "plain"}, "variants": ["plain"]}
     write_json(tmp_path / "addressing" / "addressing.json", index)
-    loaded = AddressedDynamics.load(tmp_path)
+    loaded = AddressedDynamics.load(tmp_path, seed=0)
     assert loaded.features.outputs == 4
     frames, actions = stretches(ACROBOT, HISTORY - 1 + STEPS)
     rolled = loaded.rollout(frames[:, :HISTORY], actions)

@@ -13,8 +13,9 @@ from torch import Tensor
 from addressed_dynamics.base.errors import ModelError
 from addressed_dynamics.features.transitions.spec import FeatureSpec
 from addressed_dynamics.networks.addressing import addressed_members, addressing_scores
-from addressed_dynamics.networks.files import addressed_folders, load_network
+from addressed_dynamics.networks.files import load_network
 from addressed_dynamics.networks.stacked import StackedMLP
+from addressed_dynamics.simulators.delivery import Parts, find_parts
 from addressed_dynamics.simulators.modes import MODES, Mode
 
 Array = TypeVar("Array", np.ndarray, Tensor)
@@ -59,24 +60,32 @@ class AddressedDynamics:
         self.addressing = addressing
 
     @staticmethod
-    def load(folder: str | Path, *, seed: int | None = None, variant: str | None = None) -> AddressedDynamics:
-        """Load a trained model.
+    def load(
+        folder: str | Path, *, candidate: str | None = None, seed: int | None = None, variant: str | None = None
+    ) -> AddressedDynamics:
+        """Load a trained model: the one that is delivered, if nothing else is asked for.
 
         Args:
             folder: an experiment's model folder, for instance `data/models/mountaincar`.
-            seed: which of the trained seeds; None for the first, which is the one delivered.
+            candidate: name of a baseline, for instance `total_parameters`; None for the ensemble.
+            seed: which of the trained seeds; None for the one that is delivered, or for a baseline's first.
             variant: which addressing network, `plain` or `cost_sensitive`; None for the one delivered.
 
         Raises:
-            ModelError: a file is missing or damaged, or the seed or variant was not trained.
+            ModelError: a file is missing or damaged, or there is no such candidate, seed or variant.
         """
-        folder = Path(folder)
-        if not folder.is_dir():
-            message = f"{folder}: no such model folder; 'dvc repro' trains it, 'dvc checkout' brings it back"
-            raise ModelError(message)
-        ensemble_folder, addressing_folder = addressed_folders(folder, seed, variant)
-        ensemble = load_network(ensemble_folder, FeatureSpec)
-        return AddressedDynamics(ensemble.features, ensemble.stack, load_network(addressing_folder, FeatureSpec).stack)
+        return AddressedDynamics.of(find_parts(Path(folder), candidate, seed, variant))
+
+    @staticmethod
+    def of(parts: Parts) -> AddressedDynamics:
+        """Load the model that is made of `parts`.
+
+        Raises:
+            ModelError: a file is missing or damaged.
+        """
+        ensemble = load_network(parts.network, FeatureSpec)
+        addressing = None if parts.addressing is None else load_network(parts.addressing, FeatureSpec).stack
+        return AddressedDynamics(ensemble.features, ensemble.stack, addressing)
 
     @torch.no_grad()
     def predict(

@@ -16,9 +16,10 @@ from addressed_dynamics.base.errors import ModelError
 from addressed_dynamics.base.files import atomic_path
 from addressed_dynamics.features.motion.features import MotionFeatures
 from addressed_dynamics.networks.addressing import addressed_members, addressing_scores
-from addressed_dynamics.networks.files import SavedNetwork, addressed_folders, load_network, save_network
+from addressed_dynamics.networks.files import SavedNetwork, load_network, save_network
 from addressed_dynamics.networks.spline import CONTROL_POINTS, catmull_rom
 from addressed_dynamics.networks.stacked import StackedMLP
+from addressed_dynamics.simulators.delivery import Parts, find_parts, parts_in
 from addressed_dynamics.simulators.released import load_released
 
 MotionMode = Literal["argmax", "sample", "mixture", "blend", "phase"]
@@ -75,32 +76,38 @@ class MotionModel:
         self.mode: MotionMode = mode
 
     @staticmethod
-    def load(folder: str | Path, *, seed: int | None = None, variant: str | None = None) -> MotionModel:
-        """Load what `save` wrote, or the ensemble in a folder of models that the training stages wrote.
+    def load(
+        folder: str | Path, *, candidate: str | None = None, seed: int | None = None, variant: str | None = None
+    ) -> MotionModel:
+        """Load what `save` wrote, or a model in a folder that the stages wrote: the one that is delivered.
 
         Args:
             folder: for instance `data/models/pfnn`.
-            seed: which of the ensembles; None for the first.
+            candidate: name of a baseline, for instance `phase_functioned`; None for the ensemble.
+            seed: which of the ensembles; None for the one that is delivered, or for a baseline's first.
             variant: which of its addressing networks; None for the one that is delivered.
 
         Raises:
-            ModelError: a file is missing or damaged, or is of something else; there is no such seed or variant.
+            ModelError: a file is missing or damaged, or is of something else; there is no such candidate, seed or
+                variant.
         """
         folder = Path(folder)
-        if not folder.is_dir():
-            message = f"{folder}: no such model folder; 'dvc repro' trains it, 'dvc checkout' brings it back"
-            raise ModelError(message)
-        if (folder / "ensemble").is_dir():
-            ensemble, addressing_folder = addressed_folders(folder, seed, variant)
-            trained = load_network(ensemble, MotionFeatures)
-            return MotionModel(trained.features, trained.stack, load_network(addressing_folder, MotionFeatures).stack)
-        network = load_network(folder / "network", MotionFeatures)
-        mode = network.notes.get("mode")
+        own = (folder / "network").is_dir()
+        return MotionModel.of(parts_in(folder) if own else find_parts(folder, candidate, seed, variant))
+
+    @staticmethod
+    def of(parts: Parts) -> MotionModel:
+        """Load the model that is made of `parts`, in the mode in which it is delivered or was saved.
+
+        Raises:
+            ModelError: a file is missing or damaged.
+        """
+        network = load_network(parts.network, MotionFeatures)
+        mode = parts.mode or network.notes.get("mode", "argmax")
         if mode not in MOTION_MODES:
-            message = f"{folder / 'network' / 'config.json'}: no mode of a motion model ({mode}); train the model again"
+            message = f"{parts.network}: no mode of a motion model ({mode}); train the model again"
             raise ModelError(message)
-        has_addressing = (folder / "addressing").is_dir()
-        addressing = load_network(folder / "addressing", MotionFeatures).stack if has_addressing else None
+        addressing = None if parts.addressing is None else load_network(parts.addressing, MotionFeatures).stack
         return MotionModel(network.features, network.stack, addressing, mode=mode)
 
     @staticmethod

@@ -10,6 +10,7 @@ from addressed_dynamics.sources.thermostat.params import EvaluationParams
 from addressed_dynamics.evaluation.common.evaluated import Evaluated
 from addressed_dynamics.networks.addressing import addressing_scores
 from addressed_dynamics.networks.files import addressed_folders, load_network
+from addressed_dynamics.simulators.delivery import Delivered
 
 
 def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int) -> Evaluated:
@@ -22,4 +23,4 @@ def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int
     with torch.no_grad():
         error = (ensemble.stack.forward_routed(samples.x, chosen) - samples.y).abs() * ensemble.features.scale
     found = {"mean_error": error.mean().item()} | ({"worst_error": error.max().item()} if params.worst else {})
-    return Evaluated(found, {"error": error.numpy()}, {}, found, found, seed=0)
+    return Evaluated(found, {"error": error.numpy()}, {}, found, found, Delivered(0, None, "argmax"))

@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from addressed_dynamics.simulators.delivery import Delivered
+
 
 @dataclass(frozen=True)
 class Evaluated:
@@ -21,5 +23,5 @@ class Evaluated:
     """The figures that a table of runs should show."""
     summary: dict[str, float]
     """The few figures that are in Git."""
-    seed: int
-    """The seed that is delivered."""
+    delivered: Delivered
+    """The model that is delivered."""

@@ -23,6 +23,7 @@ from addressed_dynamics.evaluation.motion.suite import (
 from addressed_dynamics.evaluation.motion.summary import summarise
 from addressed_dynamics.features.motion.features import MotionFeatures
 from addressed_dynamics.networks.files import load_network
+from addressed_dynamics.simulators.delivery import Delivered
 from addressed_dynamics.sources.motion.params import MotionEvaluationParams
 from addressed_dynamics.sources.motion.splits import MotionSplit
 from addressed_dynamics.sources.motion.tables import load_motion, read_columns
@@ -67,7 +68,8 @@ def evaluate(tables: Path, models: Path, params: MotionEvaluationParams, *, core
         },
     }
     arrays = motion_arrays(shown_candidates(candidates, seed, mode), traces, data)
-    return Evaluated(report, arrays, {}, _headline(report), summarise(report), seed=seed)
+    delivered = Delivered(seed, None, mode)
+    return Evaluated(report, arrays, {}, _headline(report), summarise(report), delivered)
 
 
 def _headline(report: dict[str, Any]) -> dict[str, float]:

@@ -16,6 +16,7 @@ from addressed_dynamics.networks.addressing import multiply_adds_a_step
 from addressed_dynamics.networks.files import SavedNetwork, load_network, read_index
 from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.simulators.addressed import AddressedDynamics
+from addressed_dynamics.simulators.delivery import parts_in
 from addressed_dynamics.simulators.modes import MODES, Mode
 from addressed_dynamics.training.baselines import OTHER_RECIPE
 
@@ -170,8 +171,7 @@ def load_ensembles(folder: Path) -> tuple[dict[int, dict[str, AddressedDynamics]
 
 def _load_baseline(folder: Path) -> tuple[SavedNetwork[FeatureSpec], AddressedDynamics]:
     network = load_network(folder / "network", FeatureSpec)
-    addressing = None if network.stack.members == 1 else load_network(folder / "addressing", FeatureSpec).stack
-    return network, AddressedDynamics(network.features, network.stack, addressing)
+    return network, AddressedDynamics.of(parts_in(folder))
 
 
 def _addressed(name: str, label: str, model: AddressedDynamics, mode: Mode) -> Candidate:

@@ -32,6 +32,7 @@ from addressed_dynamics.evaluation.transitions.summary import summarise
 from addressed_dynamics.evaluation.transitions.truth import true_rollouts
 from addressed_dynamics.features.transitions.spec import FeatureSpec
 from addressed_dynamics.networks.files import load_network
+from addressed_dynamics.simulators.delivery import Delivered
 from addressed_dynamics.sources.transitions.params import EvaluationParams
 from addressed_dynamics.training.ensemble import untrained_ensemble
 from addressed_dynamics.training.losses import reported_loss
@@ -76,7 +77,8 @@ def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int
         two = recipe.model_copy(update={"members": network.members})
         start = untrained_ensemble(model.features.inputs, model.features.outputs, two, seed=seed)
         arrays |= pair_arrays(network, start, points["test"], loss)
-    return Evaluated(report, arrays, {"horizon": horizon}, _headline(report), summarise(report), seed=first)
+    chosen = Delivered(first, delivered[first], "argmax")
+    return Evaluated(report, arrays, {"horizon": horizon}, _headline(report), summarise(report), chosen)
 
 
 def ensemble_recipe(folder: Path, seed: int) -> EnsembleParams:
