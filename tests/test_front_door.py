@@ -78,3 +78,7 @@ def test_reading_a_log_imports_neither_torch_nor_mlflow_nor_a_learner(tmp_path: 
     )
     done = run_python(program, str(log))
     assert (done.returncode, done.stdout.strip(), done.stderr) == (0, "", "")
+
+
+def test_the_public_names_are_shown() -> None:
+    assert set(addressed_dynamics.__all__) <= set(dir(addressed_dynamics))

@@ -306,3 +306,25 @@ def test_a_folder_that_is_missing_or_incomplete_is_refused(tmp_path: Path) -> No
     (tmp_path / "addressing" / "addressing.json").write_text('{"format": 1, "delivered": 3, "variants": []}')
     with pytest.raises(ModelError, match="incomplete or malformed"):
         AddressedDynamics.load(tmp_path, seed=0)
+
+
+def test_lists_and_arrays_give_arrays_tensors_give_tensors_and_one_sample_gives_one() -> None:
+    model = untrained_model(WORLDS["car"], seed=1)
+    state, action = WORLDS["car"].observation[:3], WORLDS["car"].action[:3]
+    expected = model.predict(state, action)
+    for observation, actions in ((state.tolist(), action.tolist()), (state, action.tolist())):
+        found = model.predict(observation, actions)
+        assert isinstance(found, np.ndarray)
+        np.testing.assert_array_equal(found, expected)
+    assert isinstance(model.predict(torch.from_numpy(state), action), torch.Tensor)
+    np.testing.assert_allclose(model.predict(state[1].tolist(), int(action[1])), expected[1], rtol=1e-6)
+    assert model.rollout(state[0], [0, 2, 1]).shape == (3, 2)
+    assert torch.equal(model.address(state, action), model.address(torch.from_numpy(state), torch.from_numpy(action)))
+    assert model.probabilities(state.tolist(), action.tolist()).shape == (3, model.ensemble.members)
+    assert model.member_predictions(state, action).shape == (model.ensemble.members, 3, 2)
+
+
+def test_a_model_says_what_it_is() -> None:
+    said = repr(untrained_model(WORLDS["car"], seed=1))
+    assert said.startswith("AddressedDynamics(position, velocity; history 1, 3 x (5, ")
+    assert said.endswith(" parameters)")

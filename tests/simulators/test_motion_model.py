@@ -141,3 +141,11 @@ def test_a_folder_of_models_gives_the_seed_and_the_mode_that_evaluation_delivere
     assert loaded.mode == "mixture"
     assert torch.equal(loaded.networks.weights[0], stack(3, 342, 8, 311, seed=2).weights[0])
     assert MotionModel.load(tmp_path, seed=0).mode == "argmax"
+
+
+def test_lists_and_one_frame_are_taken_too_and_a_model_says_what_it_is() -> None:
+    model, expected = addressed("mixture"), addressed("mixture").predict(X)
+    np.testing.assert_allclose(model.predict(X.tolist()), expected.numpy(), rtol=1e-6)
+    np.testing.assert_allclose(model.predict(MOTION.x[1]), expected[1].numpy(), rtol=1e-4, atol=1e-4)
+    assert torch.equal(model.address(MOTION.x), model.address(X))
+    assert repr(model).startswith("MotionModel(mixture; 3 x (342, 8, 311), addressing (342, 8, 3), ")

@@ -5,6 +5,7 @@ Every source of data ends in these types and everything after them begins there.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
@@ -13,6 +14,9 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int, Int32, Int64
 
 from addressed_dynamics.base.errors import TransitionsError
+
+NO_BOUND = 1e30
+"""A bound as far out as this is none."""
 
 
 @dataclass(frozen=True)
@@ -24,9 +28,16 @@ class Dimension:
     unit: str
     """The unit as text, for instance `rad/s`; empty if it has none."""
     low: float
-    """Lowest possible value, in the unit above; minus infinity if unbounded."""
+    """Lowest possible value, in the unit above; minus infinity if unbounded, and in place of anything below -1e30."""
     high: float
-    """Highest possible value, in the unit above; infinity if unbounded."""
+    """Highest possible value, in the unit above; infinity if unbounded, and in place of anything above 1e30."""
+
+    def __post_init__(self) -> None:
+        # Environments give the greatest number of their data type where they know no bound.
+        if self.low <= -NO_BOUND:
+            object.__setattr__(self, "low", -math.inf)
+        if self.high >= NO_BOUND:
+            object.__setattr__(self, "high", math.inf)
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TypeVar
+from typing import overload
 
 import numpy as np
 import torch
@@ -11,14 +11,14 @@ from jaxtyping import Float, Int64
 from torch import Tensor
 
 from addressed_dynamics.base.errors import ModelError
+from addressed_dynamics.episodes.transitions import DiscreteAction
 from addressed_dynamics.features.transitions.spec import FeatureSpec
 from addressed_dynamics.networks.addressing import addressed_members, addressing_scores
 from addressed_dynamics.networks.files import load_network
 from addressed_dynamics.networks.stacked import StackedMLP
+from addressed_dynamics.simulators.arrays import Plain, Values, answer, as_tensor
 from addressed_dynamics.simulators.delivery import Parts, find_parts
 from addressed_dynamics.simulators.modes import MODES, Mode
-
-Array = TypeVar("Array", np.ndarray, Tensor)
 
 
 class AddressedDynamics:
@@ -87,17 +87,26 @@ class AddressedDynamics:
         addressing = None if parts.addressing is None else load_network(parts.addressing, FeatureSpec).stack
         return AddressedDynamics(ensemble.features, ensemble.stack, addressing)
 
+    @overload
+    def predict(
+        self, observation: Tensor, action: Values, mode: Mode = ..., *, generator: torch.Generator | None = ...
+    ) -> Tensor: ...
+    @overload
+    def predict(
+        self, observation: Plain, action: Values, mode: Mode = ..., *, generator: torch.Generator | None = ...
+    ) -> np.ndarray: ...
     @torch.no_grad()
     def predict(
-        self, observation: Array, action: Array, mode: Mode = "argmax", *, generator: torch.Generator | None = None
-    ) -> Array:
+        self, observation: Values, action: Values, mode: Mode = "argmax", *, generator: torch.Generator | None = None
+    ) -> Tensor | np.ndarray:
         """Return the states after the actions.
 
         A model with a history of H > 1 frames (`features.history`) is given H states in a row and the action taken in
         each, oldest first; what it returns follows the last.
 
         Args:
-            observation: states, (B, d_obs) or (B, H, d_obs), in the environment's units; an array or a tensor.
+            observation: states, (B, d_obs) or (B, H, d_obs), in the environment's units, or one of them, (d_obs,) or
+                (H, d_obs); an array, a list or a tensor.
             action: (B,) or (B, H) integers if the actions are discrete, else (B, d_act) or (B, H, d_act) in the
                 environment's units.
             mode: `argmax`: the member with the highest output; `sample`: a member drawn with the outputs' softmax as
@@ -106,36 +115,45 @@ class AddressedDynamics:
             generator: source of randomness for `sample`; None for torch's own.
 
         Returns:
-            Next states, (B, d_obs), float32, of the same kind as `observation`.
+            Next states, (B, d_obs), or (d_obs,) for one, float32; a tensor for a tensor, else an array.
 
         Raises:
             ModelError: a shape or the mode is wrong, or a discrete action does not exist.
         """
-        states = _as_tensor(observation)
-        predicted = self._predict(states, _as_tensor(action), mode, generator)
-        return predicted.numpy() if isinstance(observation, np.ndarray) else predicted
+        states, actions, single = self._batch(observation, action)
+        predicted = self._predict(states, actions, mode, generator)
+        return answer(predicted, observation, single=single)
 
+    @overload
+    def rollout(
+        self, observation: Tensor, actions: Values, mode: Mode = ..., *, generator: torch.Generator | None = ...
+    ) -> Tensor: ...
+    @overload
+    def rollout(
+        self, observation: Plain, actions: Values, mode: Mode = ..., *, generator: torch.Generator | None = ...
+    ) -> np.ndarray: ...
     @torch.no_grad()
     def rollout(
-        self, observation: Array, actions: Array, mode: Mode = "argmax", *, generator: torch.Generator | None = None
-    ) -> Array:
+        self, observation: Values, actions: Values, mode: Mode = "argmax", *, generator: torch.Generator | None = None
+    ) -> Tensor | np.ndarray:
         """Return the states after each of T actions, every state predicted from those predicted before it.
 
         Args:
-            observation: first states, (B, d_obs), in the environment's units; an array or a tensor. With a history of
-                H > 1 frames (B, H, d_obs), oldest first.
+            observation: first states, (B, d_obs), in the environment's units; an array, a list or a tensor. With a
+                history of H > 1 frames (B, H, d_obs), oldest first. Or one of them, without B here and in `actions`.
             actions: (B, T) integers if the actions are discrete, else (B, T, d_act) in the environment's units. With a
                 history (B, H - 1 + T) or (B, H - 1 + T, d_act): action h is taken in frame h.
             mode: as in `predict`.
             generator: as in `predict`.
 
         Returns:
-            States, (B, T, d_obs), float32, of the same kind as `observation`.
+            States, (B, T, d_obs), or (T, d_obs) from one, float32; a tensor for a tensor, else an array.
 
         Raises:
             ModelError: a shape or the mode is wrong, or a discrete action does not exist.
         """
-        state, steps = _as_tensor(observation).to(torch.float32), _as_tensor(actions)
+        state, steps, single = self._batch(observation, actions, steps=True)
+        state = state.to(torch.float32)
         self.features.check_observation(state)
         history = self.features.history
         if steps.ndim < 2 or len(steps) != len(state) or steps.shape[1] < history - 1:
@@ -147,14 +165,13 @@ class AddressedDynamics:
             action = steps[:, t] if history == 1 else steps[:, t : t + history]
             states[:, t] = self._predict(state, action, mode, generator)
             state = states[:, t] if history == 1 else torch.cat([state[:, 1:], states[:, t : t + 1]], dim=1)
-        return states.numpy() if isinstance(observation, np.ndarray) else states
+        return answer(states, observation, single=single)
 
     @torch.no_grad()
-    def member_outputs(
-        self, observation: Float[Tensor, "sample ..."], action: Tensor
-    ) -> Float[Tensor, "member sample output"]:
+    def member_outputs(self, observation: Values, action: Values) -> Float[Tensor, "member sample output"]:
         """Return the outputs of every member, normalised as `features.encode_target` normalises targets."""
-        outputs: Tensor = self.ensemble(self.features.encode(observation, action))
+        states, actions, _ = self._batch(observation, action)
+        outputs: Tensor = self.ensemble(self.features.encode(states, actions))
         return outputs
 
     @torch.no_grad()
@@ -165,20 +182,45 @@ class AddressedDynamics:
         last = observation if self.features.history == 1 else observation[:, -1]
         return self.features.decode(output, last.to(torch.float32))
 
-    def member_predictions(
-        self, observation: Float[Tensor, "sample ..."], action: Tensor
-    ) -> Float[Tensor, "member sample observation"]:
+    def member_predictions(self, observation: Values, action: Values) -> Float[Tensor, "member sample observation"]:
         """Return what every member predicts, in the environment's units."""
-        return self.decode(self.member_outputs(observation, action), observation)
+        states, _, _ = self._batch(observation, action)
+        return self.decode(self.member_outputs(observation, action), states)
 
-    def address(self, observation: Float[Tensor, "sample ..."], action: Tensor) -> Int64[Tensor, " sample"]:
-        """Return the member that the addressing network picks for each state and action."""
+    def address(self, observation: Values, action: Values) -> Int64[Tensor, " sample"]:
+        """Return the member that the addressing network picks for each state and action, given as to `predict`."""
         return self.probabilities(observation, action).argmax(dim=1)
 
     @torch.no_grad()
-    def probabilities(self, observation: Float[Tensor, "sample ..."], action: Tensor) -> Float[Tensor, "sample member"]:
+    def probabilities(self, observation: Values, action: Values) -> Float[Tensor, "sample member"]:
         """Return the softmax of the addressing network's outputs; the member with the highest is selected."""
-        return self._probabilities(self.features.encode(observation, action))
+        states, actions, _ = self._batch(observation, action)
+        return self._probabilities(self.features.encode(states, actions))
+
+    def __repr__(self) -> str:
+        addressing = "no addressing" if self.addressing is None else f"addressing {self.addressing.widths}"
+        total = self.ensemble.parameters_total + (self.addressing.parameters_total if self.addressing else 0)
+        names = ", ".join(self.features.spaces.observation_names)
+        return (
+            f"AddressedDynamics({names}; history {self.features.history}, {self.ensemble.members} x "
+            f"{self.ensemble.widths}, {addressing}, {total:,} parameters)"
+        )
+
+    def _batch(self, observation: Values, action: Values, *, steps: bool = False) -> tuple[Tensor, Tensor, bool]:
+        """Return states and actions as tensors of a batch, and whether they were those of one sample.
+
+        Args:
+            observation: states.
+            action: actions, in a row of them if there is a history, or if they are those of `steps`.
+            steps: whether there is an action for each of many steps.
+        """
+        states, actions = as_tensor(observation), as_tensor(action)
+        spaces, history = self.features.spaces, self.features.history
+        one = (len(spaces.observation),) if history == 1 else (history, len(spaces.observation))
+        axes = int(steps or history > 1) + int(not isinstance(spaces.action, DiscreteAction))
+        if states.shape == one and actions.ndim == axes:
+            return states.unsqueeze(0), actions.unsqueeze(0), True
+        return states, actions, False
 
     def _predict(
         self, observation: Tensor, action: Tensor, mode: Mode, generator: torch.Generator | None
@@ -204,7 +246,3 @@ class AddressedDynamics:
         if self.addressing is None:
             return torch.ones(len(x), 1)
         return torch.softmax(addressing_scores(self.addressing, x), dim=1)
-
-
-def _as_tensor(values: np.ndarray | Tensor) -> Tensor:
-    return values if isinstance(values, Tensor) else torch.from_numpy(np.array(values, order="C"))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, TypeVar, get_args
+from typing import Any, Literal, get_args, overload
 
 import numpy as np
 import torch
@@ -19,14 +19,13 @@ from addressed_dynamics.networks.addressing import addressed_members, addressing
 from addressed_dynamics.networks.files import SavedNetwork, load_network, save_network
 from addressed_dynamics.networks.spline import CONTROL_POINTS, catmull_rom
 from addressed_dynamics.networks.stacked import StackedMLP
+from addressed_dynamics.simulators.arrays import Plain, Values, answer, as_tensor
 from addressed_dynamics.simulators.delivery import Parts, find_parts, parts_in
 from addressed_dynamics.simulators.released import load_released
 
 MotionMode = Literal["argmax", "sample", "mixture", "blend", "phase"]
 """How a frame's network is made of the members: the modes of `AddressedDynamics`, or by the phase, along a spline."""
 MOTION_MODES: tuple[MotionMode, ...] = get_args(MotionMode)
-
-Array = TypeVar("Array", np.ndarray, Tensor)
 
 
 class MotionModel:
@@ -139,15 +138,33 @@ class MotionModel:
             if self.addressing is not None:
                 save_network(temporary / "addressing", SavedNetwork(self.addressing, self.features, notes))
 
+    @overload
+    def predict(
+        self,
+        x: Tensor,
+        mode: MotionMode | None = ...,
+        *,
+        phase: Values | None = ...,
+        generator: torch.Generator | None = ...,
+    ) -> Tensor: ...
+    @overload
+    def predict(
+        self,
+        x: Plain,
+        mode: MotionMode | None = ...,
+        *,
+        phase: Values | None = ...,
+        generator: torch.Generator | None = ...,
+    ) -> np.ndarray: ...
     @torch.no_grad()
     def predict(
         self,
-        x: Array,
+        x: Values,
         mode: MotionMode | None = None,
         *,
-        phase: Array | None = None,
+        phase: Values | None = None,
         generator: torch.Generator | None = None,
-    ) -> Array:
+    ) -> Tensor | np.ndarray:
         """Return the outputs of frames.
 
         Args:
@@ -159,15 +176,15 @@ class MotionModel:
             generator: source of randomness for `sample`; None for torch's own.
 
         Returns:
-            Outputs, (B, 311), in their own units, float32, of the same kind as `x`.
+            Outputs, (B, 311), or (311,) for one frame, in their own units, float32: a tensor for a tensor, or an array.
 
         Raises:
             ModelError: a shape or the mode is wrong, or there is no phase where one is needed.
         """
-        raw = _as_tensor(x).to(torch.float32)
-        phases = None if phase is None else _as_tensor(phase).to(torch.float32)
+        raw, single = _batch(x)
+        phases = None if phase is None else as_tensor(phase).to(torch.float32).reshape(-1)
         y = self.features.decode(self._output(self.features.encode(raw), mode or self.mode, phases, generator), raw)
-        return y.numpy() if isinstance(x, np.ndarray) else y
+        return answer(y, x, single=single)
 
     def predictor(
         self, mode: MotionMode | None = None, *, generator: torch.Generator | None = None
@@ -176,22 +193,31 @@ class MotionModel:
         return partial(_predict, self, mode, generator)
 
     @torch.no_grad()
-    def member_predictions(self, x: Float[Tensor, "row 342"]) -> Float[Tensor, "member row 311"]:
+    def member_predictions(self, x: Values) -> Float[Tensor, "member row 311"]:
         """Return what every member predicts, in the outputs' own units."""
-        return self.features.decode(self.networks(self.features.encode(x)), x)
+        raw, _ = _batch(x)
+        return self.features.decode(self.networks(self.features.encode(raw)), raw)
 
     @torch.no_grad()
-    def probabilities(self, x: Float[Tensor, "row 342"]) -> Float[Tensor, "row member"]:
+    def probabilities(self, x: Values) -> Float[Tensor, "row member"]:
         """Return the softmax of the addressing network's scores.
 
         Raises:
             ModelError: the network is phase-functioned, and so has none.
         """
-        return self._probabilities(self.features.encode(x))
+        return self._probabilities(self.features.encode(_batch(x)[0]))
 
-    def address(self, x: Float[Tensor, "row 342"]) -> Int64[Tensor, " row"]:
+    def address(self, x: Values) -> Int64[Tensor, " row"]:
         """Return the member that the addressing network picks for each frame."""
         return self.probabilities(x).argmax(dim=1)
+
+    def __repr__(self) -> str:
+        addressing = "no addressing" if self.addressing is None else f"addressing {self.addressing.widths}"
+        total = self.networks.parameters_total + (self.addressing.parameters_total if self.addressing else 0)
+        return (
+            f"MotionModel({self.mode}; {self.networks.members} x {self.networks.widths}, {addressing}, "
+            f"{total:,} parameters)"
+        )
 
     def _output(
         self, x: Float[Tensor, "row input"], mode: MotionMode, phase: Tensor | None, generator: torch.Generator | None
@@ -239,5 +265,7 @@ def _predict(
     return model.predict(x, mode, phase=phase, generator=generator)
 
 
-def _as_tensor(values: np.ndarray | Tensor) -> Tensor:
-    return values if isinstance(values, Tensor) else torch.from_numpy(np.array(values, order="C"))
+def _batch(x: Values) -> tuple[Float[Tensor, "row 342"], bool]:
+    """Return frames as a tensor of a batch, and whether it was one frame."""
+    rows = as_tensor(x).to(torch.float32)
+    return (rows.unsqueeze(0), True) if rows.ndim == 1 else (rows, False)

@@ -217,3 +217,23 @@ def test_a_description_with_a_key_missing_is_refused(key: str) -> None:
 def test_a_description_with_a_wrong_value_is_refused(key: str, found: object) -> None:
     with pytest.raises(ModelError, match="incomplete or malformed"):
         FeatureSpec.from_json(fit_features(drive(), CHANGE).to_json() | {key: found})
+
+
+@pytest.mark.parametrize("far", [float(np.finfo(np.float32).max), np.inf, 1e38, 1e30, 1e7])
+@pytest.mark.parametrize("target", TARGETS)
+def test_bounds_that_bound_nothing_leave_the_scale_to_the_data(far: float, target: Target) -> None:
+    world = drive()
+    none = tuple(replace(each, low=-np.inf, high=np.inf) for each in world.spec.observation)
+    wide = tuple(replace(each, low=-far, high=far) for each in world.spec.observation)
+    params = FeatureParams(target=target)
+    expected = fit_features(respace(world, none), params)
+    found = fit_features(respace(world, wide), params)
+    assert found.scale == expected.scale
+    assert found.target_deviation == expected.target_deviation > 1e-6
+    assert found.samples(world).y.abs().max() > 0.1
+
+
+def test_bounds_near_the_data_are_the_scale() -> None:
+    world = drive()
+    widths = tuple(each.high - each.low for each in world.spec.observation)
+    assert fit_features(world, CHANGE).scale == widths

@@ -21,6 +21,8 @@ from addressed_dynamics.features.transitions.angles import velocity_from_angles,
 from addressed_dynamics.features.transitions.windows import check_lengths, window_rows, windows
 from addressed_dynamics.sources.transitions.params import AngleParams, FeatureParams
 
+WIDEST_BOUNDS = 1e6
+"""Bounds that are more than so many times as far apart as the data bound nothing."""
 DEVIATION_FLOOR = 1e-6
 """Least standard deviation an input is divided by, as a share of the range of its dimension (or of 1): a constant
 column must not become a division by nearly nothing."""
@@ -305,7 +307,8 @@ class FeatureSpec:
 def fit_features(train: Transitions, params: FeatureParams) -> FeatureSpec:
     """Choose the normalisation from training transitions alone.
 
-    The scale of a dimension is its range by the environment's bounds; where these are infinite, the range of the data.
+    The scale of a dimension is its range by the environment's bounds; where these are infinite, or a million times as
+    far apart as the data, the range of the data.
 
     Raises:
         TransitionsError: there are no transitions, or no episode is as long as the history; or an angle names a
@@ -319,8 +322,7 @@ def fit_features(train: Transitions, params: FeatureParams) -> FeatureSpec:
     _check_angles(train.spec, angles)
     predicted = predicted_dimensions(train.spec, angles, params.velocity)
     observation, next_observation = train.observation.astype(np.float64), train.next_observation.astype(np.float64)
-    bounds = np.array([(dimension.low, dimension.high) for dimension in train.spec.observation])
-    spread = np.where(np.isfinite(bounds).all(axis=1), bounds[:, 1] - bounds[:, 0], np.ptp(observation, axis=0))
+    spread = _spread(train.spec, observation)
     scale = np.where(spread > 0, spread, 1.0)
     action, action_scale = _action_columns(train)
     inputs = np.concatenate([observation, action], axis=1)
@@ -341,6 +343,15 @@ def fit_features(train: Transitions, params: FeatureParams) -> FeatureSpec:
         target_mean=tuple(map(float, targets.mean(axis=0))),
         target_deviation=float(max(np.sqrt(targets.var(axis=0).mean()), DEVIATION_FLOOR)),
     )
+
+
+def _spread(spaces: SpaceSpec, observation: Float[np.ndarray, "sample state"]) -> Float[np.ndarray, " state"]:
+    """Return the range of each dimension: by its bounds, if they say something about the data."""
+    bounds = np.array([(dimension.low, dimension.high) for dimension in spaces.observation])
+    found, bounded = np.ptp(observation, axis=0), np.isfinite(bounds).all(axis=1)
+    width = np.where(bounded, np.subtract(bounds[:, 1], bounds[:, 0], where=bounded, out=np.zeros(len(bounds))), 0.0)
+    meant = bounded & ((found == 0) | (width <= WIDEST_BOUNDS * found))
+    return np.where(meant, width, found)
 
 
 def predicted_dimensions(

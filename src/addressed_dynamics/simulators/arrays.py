@@ -1,0 +1,25 @@
+"""What models take: tensors, arrays or lists, of many samples or of one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, TypeAlias
+
+import numpy as np
+from torch import Tensor, from_numpy
+
+Plain: TypeAlias = "np.ndarray | Sequence[Any]"
+"""Arrays and lists, which are answered with arrays."""
+Values: TypeAlias = "Plain | Tensor"
+"""These, and tensors, which are answered with tensors."""
+
+
+def as_tensor(values: Values) -> Tensor:
+    """Return the values as a tensor."""
+    return values if isinstance(values, Tensor) else from_numpy(np.array(values, order="C"))
+
+
+def answer(result: Tensor, values: Values, *, single: bool) -> Tensor | np.ndarray:
+    """Return a result, (B, …), as what was asked for with `values`: a tensor or an array, of one sample if one was."""
+    shown = result[0] if single else result
+    return shown if isinstance(values, Tensor) else shown.numpy()
