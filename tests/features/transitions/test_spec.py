@@ -230,7 +230,7 @@ def test_bounds_that_bound_nothing_leave_the_scale_to_the_data(far: float, targe
     found = fit_features(respace(world, wide), params)
     assert found.scale == expected.scale
     assert found.target_deviation == expected.target_deviation > 1e-6
-    assert found.samples(world).y.abs().max() > 0.1
+    assert found.samples(respace(world, wide)).y.abs().max() > 0.1
 
 
 def test_bounds_near_the_data_are_the_scale() -> None:
