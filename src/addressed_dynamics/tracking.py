@@ -1,7 +1,7 @@
 """Runs in MLflow: the only file that imports mlflow.
 
 Tracking must never kill training. Whatever fails while a run is open (no server, a broken store, a full disk) becomes
-one warning, and from then on the run keeps nothing; the same figures are in `data/reports` in any case.
+one warning, and from then on the run keeps nothing; the same figures are in `data/figures` in any case.
 """
 
 from __future__ import annotations
@@ -494,4 +494,4 @@ def _no_foreign_warnings() -> Iterator[None]:
 
 def _warn(what: str, error: Exception) -> None:
     reason = (str(error).strip() or type(error).__name__).splitlines()[0]
-    _log.warning("MLflow: %s (%s); going on without tracking, the figures are still in data/reports", what, reason)
+    _log.warning("MLflow: %s (%s); going on without tracking, the figures are still in data/figures", what, reason)

@@ -118,9 +118,9 @@ def test_without_an_mlflow_server_training_finishes_with_one_warning_per_run_and
         assert len(warnings) == 2
         assert all("going on without tracking" in line for line in warnings)
         assert "Traceback" not in said[name]
-        report = json.loads((folder / "data" / "reports" / "car" / f"{made}.json").read_text())
+        report = json.loads((folder / "data" / "figures" / "car" / made / f"{made}.json").read_text())
         assert len(report.get("validation", report)) == 2
-        curves = (folder / "data" / "reports" / "car" / f"{made}.csv").read_text().splitlines()
+        curves = (folder / "data" / "figures" / "car" / made / f"{made}.csv").read_text().splitlines()
         assert len(curves) == 1 + 2 * EPOCHS
         assert list((folder / "data" / "models" / "car" / made).rglob("weights.safetensors"))
     assert epochs_kept(folder) == []
