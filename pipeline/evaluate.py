@@ -19,9 +19,9 @@ from pipeline.stage import (
 
 def main(call: Call) -> None:
     """Evaluate the models of an experiment."""
-    experiment, params = call.experiment, load_experiment(call.params_file, call.experiment, call.kind).evaluation
-    kind = supplied("evaluation", call.kind)
-    found = kind.evaluate(tables_dir(experiment), models_dir(experiment), params, cores=available_cores())
+    experiment, evaluate = call.experiment, supplied("evaluation", call.kind).evaluate
+    params = load_experiment(call.params_file, experiment, call.kind).evaluation
+    found = evaluate(tables_dir(experiment), models_dir(experiment), params, cores=available_cores())
     with atomic_path(evaluation_dir(experiment)) as folder:
         folder.mkdir()
         save_arrays(folder / "arrays.npz", dict(found.arrays))
