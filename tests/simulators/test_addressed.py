@@ -1,6 +1,7 @@
 import json
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -322,6 +323,28 @@ def test_lists_and_arrays_give_arrays_tensors_give_tensors_and_one_sample_gives_
     assert torch.equal(model.address(state, action), model.address(torch.from_numpy(state), torch.from_numpy(action)))
     assert model.probabilities(state.tolist(), action.tolist()).shape == (3, model.ensemble.members)
     assert model.member_predictions(state, action).shape == (model.ensemble.members, 3, 2)
+
+
+@pytest.mark.parametrize(
+    ("observation", "action", "said"),
+    [
+        ([[0.0, 1.0], [0.0]], [0, 1], "was given lists of different lengths"),
+        ([["a", "b"]], [0], "was given values of type '<U1'"),
+        ([0.0, 1.0, 2.0], 0, r"observations should have shape \(B, 2\), but have \(3,\)"),
+    ],
+)
+def test_lists_of_a_wrong_form_are_refused_in_words_of_the_model(
+    observation: list[Any], action: Any, said: str
+) -> None:
+    with pytest.raises(ModelError, match=said):
+        untrained_model(WORLDS["car"], seed=1).predict(observation, action)
+
+
+def test_outputs_of_members_are_decoded_from_arrays_as_from_tensors() -> None:
+    model = untrained_model(WORLDS["car"], seed=1)
+    state, action = WORLDS["car"].observation[:3], WORLDS["car"].action[:3]
+    found = model.decode(model.member_outputs(state, action).numpy(), state)
+    assert torch.equal(found, model.member_predictions(torch.from_numpy(state), action))
 
 
 def test_a_model_says_what_it_is() -> None:

@@ -176,11 +176,12 @@ class AddressedDynamics:
 
     @torch.no_grad()
     def decode(
-        self, output: Float[Tensor, "*member sample output"], observation: Float[Tensor, "sample ..."]
+        self, output: Float[Tensor, "*member sample output"] | np.ndarray, observation: Values
     ) -> Float[Tensor, "*member sample observation"]:
         """Return the next states that outputs mean, in the environment's units, for inputs as those of `predict`."""
-        last = observation if self.features.history == 1 else observation[:, -1]
-        return self.features.decode(output, last.to(torch.float32))
+        states = as_tensor(observation).to(torch.float32)
+        last = states if self.features.history == 1 else states[..., -1, :]
+        return self.features.decode(as_tensor(output), last)
 
     def member_predictions(self, observation: Values, action: Values) -> Float[Tensor, "member sample observation"]:
         """Return what every member predicts, in the environment's units."""
@@ -213,6 +214,9 @@ class AddressedDynamics:
             observation: states.
             action: actions, in a row of them if there is a history, or if they are those of `steps`.
             steps: whether there is an action for each of many steps.
+
+        Raises:
+            ModelError: they are no numbers, or lists of different lengths.
         """
         states, actions = as_tensor(observation), as_tensor(action)
         spaces, history = self.features.spaces, self.features.history
