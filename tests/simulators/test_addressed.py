@@ -245,6 +245,27 @@ def test_another_seed_and_variant_than_the_first_are_loaded_if_they_are_what_eva
     assert is_of(AddressedDynamics.load(copy), 2, "cost_sensitive")
 
 
+def test_a_delivered_model_predicts_and_rolls_out_in_the_mode_that_evaluation_delivered(
+    folder: Path, tmp_path: Path
+) -> None:
+    copy, world = shutil.copytree(folder, tmp_path / "car"), WORLDS["car"]
+    write_delivered(copy, Delivered(2, "plain", "mixture"))
+    model, state, action = AddressedDynamics.load(copy), world.observation[:5], world.action[:5]
+    assert model.mode == "mixture"
+    np.testing.assert_array_equal(model.predict(state, action), model.predict(state, action, "mixture"))
+    assert not np.array_equal(model.predict(state, action), model.predict(state, action, "argmax"))
+    steps = np.stack([action, action], axis=1)
+    np.testing.assert_array_equal(model.rollout(state, steps), model.rollout(state, steps, "mixture"))
+    assert AddressedDynamics.load(copy, seed=2).mode == "argmax"
+
+
+def test_a_delivered_mode_that_does_not_exist_is_refused(folder: Path, tmp_path: Path) -> None:
+    copy = shutil.copytree(folder, tmp_path / "car")
+    write_delivered(copy, Delivered(2, "plain", "phase"))
+    with pytest.raises(ModelError, match=r"no addressing mode 'phase' \(modes: argmax, "):
+        AddressedDynamics.load(copy)
+
+
 def test_any_other_model_that_was_trained_is_loaded_by_its_name(folder: Path) -> None:
     for seed in (None, 5):
         model = AddressedDynamics.load(folder, candidate="relu_512", seed=seed)
@@ -349,5 +370,6 @@ def test_outputs_of_members_are_decoded_from_arrays_as_from_tensors() -> None:
 
 def test_a_model_says_what_it_is() -> None:
     said = repr(untrained_model(WORLDS["car"], seed=1))
-    assert said.startswith("AddressedDynamics(position, velocity; history 1, 3 x (5, ")
+    step = WORLDS["car"].spec.step_seconds
+    assert said.startswith(f"AddressedDynamics(argmax; position, velocity; {step:g} s a step, history 1, 3 x (5, ")
     assert said.endswith(" parameters)")
