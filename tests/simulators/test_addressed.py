@@ -1,6 +1,7 @@
 import json
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -244,6 +245,27 @@ def test_another_seed_and_variant_than_the_first_are_loaded_if_they_are_what_eva
     assert is_of(AddressedDynamics.load(copy), 2, "cost_sensitive")
 
 
+def test_a_delivered_model_predicts_and_rolls_out_in_the_mode_that_evaluation_delivered(
+    folder: Path, tmp_path: Path
+) -> None:
+    copy, world = shutil.copytree(folder, tmp_path / "car"), WORLDS["car"]
+    write_delivered(copy, Delivered(2, "plain", "mixture"))
+    model, state, action = AddressedDynamics.load(copy), world.observation[:5], world.action[:5]
+    assert model.mode == "mixture"
+    np.testing.assert_array_equal(model.predict(state, action), model.predict(state, action, "mixture"))
+    assert not np.array_equal(model.predict(state, action), model.predict(state, action, "argmax"))
+    steps = np.stack([action, action], axis=1)
+    np.testing.assert_array_equal(model.rollout(state, steps), model.rollout(state, steps, "mixture"))
+    assert AddressedDynamics.load(copy, seed=2).mode == "argmax"
+
+
+def test_a_delivered_mode_that_does_not_exist_is_refused(folder: Path, tmp_path: Path) -> None:
+    copy = shutil.copytree(folder, tmp_path / "car")
+    write_delivered(copy, Delivered(2, "plain", "phase"))
+    with pytest.raises(ModelError, match=r"no addressing mode 'phase' \(modes: argmax, "):
+        AddressedDynamics.load(copy)
+
+
 def test_any_other_model_that_was_trained_is_loaded_by_its_name(folder: Path) -> None:
     for seed in (None, 5):
         model = AddressedDynamics.load(folder, candidate="relu_512", seed=seed)
@@ -324,7 +346,30 @@ def test_lists_and_arrays_give_arrays_tensors_give_tensors_and_one_sample_gives_
     assert model.member_predictions(state, action).shape == (model.ensemble.members, 3, 2)
 
 
+@pytest.mark.parametrize(
+    ("observation", "action", "said"),
+    [
+        ([[0.0, 1.0], [0.0]], [0, 1], "was given lists of different lengths"),
+        ([["a", "b"]], [0], "was given values of type '<U1'"),
+        ([0.0, 1.0, 2.0], 0, r"observations should have shape \(B, 2\), but have \(3,\)"),
+    ],
+)
+def test_lists_of_a_wrong_form_are_refused_in_words_of_the_model(
+    observation: list[Any], action: Any, said: str
+) -> None:
+    with pytest.raises(ModelError, match=said):
+        untrained_model(WORLDS["car"], seed=1).predict(observation, action)
+
+
+def test_outputs_of_members_are_decoded_from_arrays_as_from_tensors() -> None:
+    model = untrained_model(WORLDS["car"], seed=1)
+    state, action = WORLDS["car"].observation[:3], WORLDS["car"].action[:3]
+    found = model.decode(model.member_outputs(state, action).numpy(), state)
+    assert torch.equal(found, model.member_predictions(torch.from_numpy(state), action))
+
+
 def test_a_model_says_what_it_is() -> None:
     said = repr(untrained_model(WORLDS["car"], seed=1))
-    assert said.startswith("AddressedDynamics(position, velocity; history 1, 3 x (5, ")
+    step = WORLDS["car"].spec.step_seconds
+    assert said.startswith(f"AddressedDynamics(argmax; position, velocity; {step:g} s a step, history 1, 3 x (5, ")
     assert said.endswith(" parameters)")

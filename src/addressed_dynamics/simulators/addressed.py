@@ -24,7 +24,14 @@ from addressed_dynamics.simulators.modes import MODES, Mode
 class AddressedDynamics:
     """A learned simulator: from states and actions to next states, in the environment's units."""
 
-    def __init__(self, features: FeatureSpec, ensemble: StackedMLP, addressing: StackedMLP | None = None) -> None:
+    def __init__(
+        self,
+        features: FeatureSpec,
+        ensemble: StackedMLP,
+        addressing: StackedMLP | None = None,
+        *,
+        mode: Mode = "argmax",
+    ) -> None:
         """Put a model together.
 
         Args:
@@ -32,9 +39,10 @@ class AddressedDynamics:
             ensemble: n networks from inputs to targets.
             addressing: one network with n outputs, or n heads of one output on a trunk that they share; not needed if
                 there is only one member.
+            mode: how `predict` uses them if it is not told.
 
         Raises:
-            ModelError: the networks do not fit each other or the features.
+            ModelError: the networks do not fit each other or the features, or there is no such mode.
         """
         if (ensemble.widths[0], ensemble.widths[-1]) != (features.inputs, features.outputs):
             message = (
@@ -55,9 +63,12 @@ class AddressedDynamics:
                 f"but is {addressing.members} with {addressing.widths[0]} and {addressing.widths[-1]}"
             )
             raise ModelError(message)
+        if mode not in MODES:
+            raise _no_mode(mode)
         self.features = features
         self.ensemble = ensemble
         self.addressing = addressing
+        self.mode: Mode = mode
 
     @staticmethod
     def load(
@@ -78,26 +89,29 @@ class AddressedDynamics:
 
     @staticmethod
     def of(parts: Parts) -> AddressedDynamics:
-        """Load the model that is made of `parts`.
+        """Load the model that is made of `parts`, in the mode in which it is delivered.
 
         Raises:
-            ModelError: a file is missing or damaged.
+            ModelError: a file is missing or damaged, or there is no such mode.
         """
         ensemble = load_network(parts.network, FeatureSpec)
         addressing = None if parts.addressing is None else load_network(parts.addressing, FeatureSpec).stack
-        return AddressedDynamics(ensemble.features, ensemble.stack, addressing)
+        mode = next((each for each in MODES if each == parts.mode), None)
+        if parts.mode is not None and mode is None:
+            raise _no_mode(parts.mode)
+        return AddressedDynamics(ensemble.features, ensemble.stack, addressing, mode=mode or "argmax")
 
     @overload
     def predict(
-        self, observation: Tensor, action: Values, mode: Mode = ..., *, generator: torch.Generator | None = ...
+        self, observation: Tensor, action: Values, mode: Mode | None = ..., *, generator: torch.Generator | None = ...
     ) -> Tensor: ...
     @overload
     def predict(
-        self, observation: Plain, action: Values, mode: Mode = ..., *, generator: torch.Generator | None = ...
+        self, observation: Plain, action: Values, mode: Mode | None = ..., *, generator: torch.Generator | None = ...
     ) -> np.ndarray: ...
     @torch.no_grad()
     def predict(
-        self, observation: Values, action: Values, mode: Mode = "argmax", *, generator: torch.Generator | None = None
+        self, observation: Values, action: Values, mode: Mode | None = None, *, generator: torch.Generator | None = None
     ) -> Tensor | np.ndarray:
         """Return the states after the actions.
 
@@ -111,7 +125,7 @@ class AddressedDynamics:
                 environment's units.
             mode: `argmax`: the member with the highest output; `sample`: a member drawn with the outputs' softmax as
                 probabilities; `mixture`: the members' outputs weighted by them; `blend`: the output of a network whose
-                parameters are weighted by them.
+                parameters are weighted by them. None for the model's own.
             generator: source of randomness for `sample`; None for torch's own.
 
         Returns:
@@ -121,20 +135,25 @@ class AddressedDynamics:
             ModelError: a shape or the mode is wrong, or a discrete action does not exist.
         """
         states, actions, single = self._batch(observation, action)
-        predicted = self._predict(states, actions, mode, generator)
+        predicted = self._predict(states, actions, mode or self.mode, generator)
         return answer(predicted, observation, single=single)
 
     @overload
     def rollout(
-        self, observation: Tensor, actions: Values, mode: Mode = ..., *, generator: torch.Generator | None = ...
+        self, observation: Tensor, actions: Values, mode: Mode | None = ..., *, generator: torch.Generator | None = ...
     ) -> Tensor: ...
     @overload
     def rollout(
-        self, observation: Plain, actions: Values, mode: Mode = ..., *, generator: torch.Generator | None = ...
+        self, observation: Plain, actions: Values, mode: Mode | None = ..., *, generator: torch.Generator | None = ...
     ) -> np.ndarray: ...
     @torch.no_grad()
     def rollout(
-        self, observation: Values, actions: Values, mode: Mode = "argmax", *, generator: torch.Generator | None = None
+        self,
+        observation: Values,
+        actions: Values,
+        mode: Mode | None = None,
+        *,
+        generator: torch.Generator | None = None,
     ) -> Tensor | np.ndarray:
         """Return the states after each of T actions, every state predicted from those predicted before it.
 
@@ -163,7 +182,7 @@ class AddressedDynamics:
         states = torch.empty(len(state), steps.shape[1] - history + 1, len(self.features.spaces.observation))
         for t in range(states.shape[1]):
             action = steps[:, t] if history == 1 else steps[:, t : t + history]
-            states[:, t] = self._predict(state, action, mode, generator)
+            states[:, t] = self._predict(state, action, mode or self.mode, generator)
             state = states[:, t] if history == 1 else torch.cat([state[:, 1:], states[:, t : t + 1]], dim=1)
         return answer(states, observation, single=single)
 
@@ -176,11 +195,12 @@ class AddressedDynamics:
 
     @torch.no_grad()
     def decode(
-        self, output: Float[Tensor, "*member sample output"], observation: Float[Tensor, "sample ..."]
+        self, output: Float[Tensor, "*member sample output"] | np.ndarray, observation: Values
     ) -> Float[Tensor, "*member sample observation"]:
         """Return the next states that outputs mean, in the environment's units, for inputs as those of `predict`."""
-        last = observation if self.features.history == 1 else observation[:, -1]
-        return self.features.decode(output, last.to(torch.float32))
+        states = as_tensor(observation).to(torch.float32)
+        last = states if self.features.history == 1 else states[..., -1, :]
+        return self.features.decode(as_tensor(output), last)
 
     def member_predictions(self, observation: Values, action: Values) -> Float[Tensor, "member sample observation"]:
         """Return what every member predicts, in the environment's units."""
@@ -202,8 +222,9 @@ class AddressedDynamics:
         total = self.ensemble.parameters_total + (self.addressing.parameters_total if self.addressing else 0)
         names = ", ".join(self.features.spaces.observation_names)
         return (
-            f"AddressedDynamics({names}; history {self.features.history}, {self.ensemble.members} x "
-            f"{self.ensemble.widths}, {addressing}, {total:,} parameters)"
+            f"AddressedDynamics({self.mode}; {names}; {self.features.spaces.step_seconds:g} s a step, "
+            f"history {self.features.history}, {self.ensemble.members} x {self.ensemble.widths}, {addressing}, "
+            f"{total:,} parameters)"
         )
 
     def _batch(self, observation: Values, action: Values, *, steps: bool = False) -> tuple[Tensor, Tensor, bool]:
@@ -213,6 +234,9 @@ class AddressedDynamics:
             observation: states.
             action: actions, in a row of them if there is a history, or if they are those of `steps`.
             steps: whether there is an action for each of many steps.
+
+        Raises:
+            ModelError: they are no numbers, or lists of different lengths.
         """
         states, actions = as_tensor(observation), as_tensor(action)
         spaces, history = self.features.spaces, self.features.history
@@ -238,11 +262,14 @@ class AddressedDynamics:
             case "blend":
                 output = self.ensemble.forward_blended(x, probabilities)
             case _:
-                message = f"there is no addressing mode '{mode}' (modes: {', '.join(MODES)})"
-                raise ModelError(message)
+                raise _no_mode(mode)
         return self.decode(output, observation)
 
     def _probabilities(self, x: Float[Tensor, "sample input"]) -> Float[Tensor, "sample member"]:
         if self.addressing is None:
             return torch.ones(len(x), 1)
         return torch.softmax(addressing_scores(self.addressing, x), dim=1)
+
+
+def _no_mode(mode: str) -> ModelError:
+    return ModelError(f"there is no addressing mode '{mode}' (modes: {', '.join(MODES)})")

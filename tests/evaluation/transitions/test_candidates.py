@@ -3,18 +3,28 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+import torch
 from learning import ADDRESSING, ENSEMBLE, drive, untrained_model
 
 from addressed_dynamics.base.errors import EvaluationError, ModelError
 from addressed_dynamics.episodes.splits import Split
-from addressed_dynamics.evaluation.transitions.candidates import baseline_candidates, baseline_label, load_other_recipe
+from addressed_dynamics.evaluation.transitions.candidates import (
+    Candidate,
+    baseline_candidates,
+    baseline_label,
+    ensemble_candidates,
+    load_other_recipe,
+)
+from addressed_dynamics.evaluation.transitions.one_step import predict_all
 from addressed_dynamics.evaluation.transitions.points import Points
 from addressed_dynamics.evaluation.transitions.suite import (
     evaluate_candidate,
     evaluate_other_recipe,
     evaluate_specialisation,
 )
+from addressed_dynamics.networks import stacked
 from addressed_dynamics.networks.files import SavedNetwork, save_network
 from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.reporting.common.records import OtherRecipe
@@ -110,3 +120,24 @@ def test_a_candidate_that_is_given_more_frames_than_the_delivered_model_is_refus
     assert evaluate_candidate(single, points, "mse")["multiply_adds"] == single.multiply_adds is not None
     with pytest.raises(EvaluationError, match=r"delivered model, 1, but 'paper_recipe/seed-0' is given 4"):
         evaluate_candidate(other, points, "mse")
+
+
+def sampling() -> Candidate:
+    models = {0: {"plain": untrained_model(WORLD, 3)}}
+    return next(each for each in ensemble_candidates(models, {0: "plain"}) if each.name == "ensemble/sample")
+
+
+@pytest.mark.parametrize("rows", [10, 20])
+def test_sampling_draws_the_same_members_in_chunks_as_at_once(monkeypatch: pytest.MonkeyPatch, rows: int) -> None:
+    points = Points.of(WORLD, untrained_model(WORLD, 3).features)
+    at_once = predict_all(sampling().predictor, points)
+    monkeypatch.setattr(stacked, "CHUNK_ROWS", rows)
+    assert len(points) > rows
+    torch.testing.assert_close(predict_all(sampling().predictor, points), at_once)
+
+
+def test_sampling_draws_other_members_in_the_next_chunk(monkeypatch: pytest.MonkeyPatch) -> None:
+    same_point = Points(untrained_model(WORLD, 3).features, WORLD, np.zeros(40, np.int64))
+    monkeypatch.setattr(stacked, "CHUNK_ROWS", 20)
+    first, second = predict_all(sampling().predictor, same_point).split(20)
+    assert not torch.allclose(first, second)

@@ -237,3 +237,17 @@ def test_bounds_near_the_data_are_the_scale() -> None:
     world = drive()
     widths = tuple(each.high - each.low for each in world.spec.observation)
     assert fit_features(world, CHANGE).scale == widths
+
+
+@pytest.mark.parametrize(("far", "scale"), [(1.0, 2.0), (1e4, 2e4), (1e20, 1.0), (1e29, 1.0)])
+def test_bounds_far_beyond_a_constant_column_are_not_its_scale(far: float, scale: float) -> None:
+    world = drive()
+    still = [values.copy() for values in (world.observation, world.next_observation)]
+    for values in still:
+        values[:, 1] = 0.5
+    position, velocity = world.spec.observation
+    world = respace(
+        replace(world, observation=still[0], next_observation=still[1]),
+        (position, replace(velocity, low=-far, high=far)),
+    )
+    assert fit_features(world, CHANGE).scale == (position.high - position.low, scale)

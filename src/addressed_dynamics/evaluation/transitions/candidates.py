@@ -22,6 +22,8 @@ from addressed_dynamics.training.baselines import OTHER_RECIPE
 
 MEAN = "ensemble/mean"
 """Name of the candidate that averages the members."""
+SAMPLING_SEED = 0
+"""Seed of the members that the mode `sample` draws."""
 
 
 @dataclass(frozen=True)
@@ -178,8 +180,11 @@ def _addressed(name: str, label: str, model: AddressedDynamics, mode: Mode) -> C
     addressing = 0 if model.addressing is None else model.addressing.parameters_total
     parameters = model.ensemble.parameters_total + addressing
 
+    # One generator for all chunks of points: seeded for each, it would draw the same members in all of them.
+    generator = torch.Generator().manual_seed(SAMPLING_SEED) if mode == "sample" else None
+
     def predict(observation: Tensor, action: Tensor) -> Tensor:
-        return model.predict(observation, action, mode, generator=torch.Generator().manual_seed(0))
+        return model.predict(observation, action, mode, generator=generator)
 
     cost = multiply_adds_a_step(model.ensemble, model.addressing, mode)
     return Candidate(name, label, parameters, predict, model, mode, cost)

@@ -350,7 +350,9 @@ def _spread(spaces: SpaceSpec, observation: Float[np.ndarray, "sample state"]) -
     bounds = np.array([(dimension.low, dimension.high) for dimension in spaces.observation])
     found, bounded = np.ptp(observation, axis=0), np.isfinite(bounds).all(axis=1)
     width = np.where(bounded, np.subtract(bounds[:, 1], bounds[:, 0], where=bounded, out=np.zeros(len(bounds))), 0.0)
-    meant = bounded & ((found == 0) | (width <= WIDEST_BOUNDS * found))
+    # A constant column has no range to compare with; what is left is how far out it lies.
+    reach = np.where(found > 0, found, np.maximum(np.abs(observation).max(axis=0), 1.0))
+    meant = bounded & (width <= WIDEST_BOUNDS * reach)
     return np.where(meant, width, found)
 
 
