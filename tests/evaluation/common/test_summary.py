@@ -53,6 +53,12 @@ def test_the_headline_of_transitions_has_the_delivered_model_beside_the_best_oth
     assert len(found) <= 20
 
 
+def test_the_headline_of_transitions_without_bounds_says_nothing_of_leaving_them() -> None:
+    report = transitions()
+    report["candidates"]["ensemble/argmax"]["rollouts"]["left_bounds_share"] = None
+    assert set(summarise(transitions())) - set(summarise(report)) == {"rollouts_out_of_bounds_percent"}
+
+
 def test_the_headline_of_motion_is_that_of_the_delivered_model_and_of_pfnn_if_it_was_trained() -> None:
     found = summarise_motion(motion())
     assert (found["held_out_mae"], found["closed_loop_score"], found["held_out_mae_of_pfnn"]) == (0.25, 0.75, 0.5)

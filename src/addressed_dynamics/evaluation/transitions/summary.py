@@ -27,13 +27,14 @@ def summarise(report: dict[str, Any]) -> dict[str, float]:
     median = {
         name: spread["median"] if spread else None for name, spread in own["rollouts"]["groups"]["all"]["mse"].items()
     }
+    left = own["rollouts"]["left_bounds_share"]
     return rounded(
         {
             "best_network_chosen_percent": 100 * table["agreement"],
             "one_step_error_percent": _percent(own["one_step"]["scaled"]["mean"], report["loss"]),
             "one_step_error_percent_best_other": _percent(min(others), report["loss"]) if others else None,
             **{f"rollout_log10_mse_{name}": log10_of(value) for name, value in list(median.items())[:14]},
-            "rollouts_out_of_bounds_percent": 100 * own["rollouts"]["left_bounds_share"],
+            "rollouts_out_of_bounds_percent": None if left is None else 100 * left,
             "multiply_adds_a_step": own["multiply_adds"],
         }
     )
