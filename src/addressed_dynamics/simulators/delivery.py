@@ -90,8 +90,8 @@ def find_parts(folder: Path, candidate: str | None, seed: int | None, variant: s
     if variant is not None:
         message = f"{folder}: variants are those of the ensemble's addressing network; '{candidate}' has none"
         raise ModelError(message)
-    trained = [key.split("/seed-") for key in read_index(folder / "baselines", "baselines.json")["trained"]]
-    seeds = [int(each) for name, each in trained if name == candidate]
+    trained = _trained_baselines(folder / "baselines")
+    seeds = [each for name, each in trained if name == candidate]
     if not seeds:
         names = ", ".join(dict.fromkeys([ENSEMBLE, *(name for name, _ in trained)]))
         message = f"{folder}: there is no candidate '{candidate}' (candidates there: {names})"
@@ -102,6 +102,17 @@ def find_parts(folder: Path, candidate: str | None, seed: int | None, variant: s
         )
         raise ModelError(message)
     return parts_in(folder / "baselines" / f"{candidate}/seed-{seeds[0] if seed is None else seed}")
+
+
+def _trained_baselines(folder: Path) -> list[tuple[str, int]]:
+    """Return name and seed of every baseline in the order of training."""
+    index = read_index(folder, "baselines.json")
+    try:
+        pairs = [key.split("/seed-") for key in index["trained"]]
+        return [(name, int(seed)) for name, seed in pairs]
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        message = f"{folder / 'baselines.json'}: incomplete or malformed ({error}); run train_baselines again"
+        raise ModelError(message) from error
 
 
 def parts_in(folder: Path) -> Parts:
