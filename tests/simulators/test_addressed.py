@@ -283,7 +283,7 @@ def test_any_other_model_that_was_trained_is_loaded_by_its_name(folder: Path) ->
 def test_an_index_of_baselines_that_is_damaged_is_one_line(folder: Path, tmp_path: Path, text: str) -> None:
     copy = shutil.copytree(folder, tmp_path / "car")
     (copy / "baselines" / "baselines.json").write_text(text)
-    with pytest.raises(ModelError, match="incomplete or malformed .*; run train_baselines again"):
+    with pytest.raises(ModelError, match=r"incomplete or malformed .*; run train_baselines again"):
         AddressedDynamics.load(copy, candidate="relu_512")
 
 
