@@ -260,6 +260,7 @@ def test_the_example_after_a_finished_pipeline_leaves_the_data_of_the_other_expe
     assert len(before) > 100
     settings = [part for setting in overrides(ROOT / "Makefile") for part in ("-S", setting)]
     ran = stages_run(dvc(clone, "exp", "run", "report@pendulum", *settings))
-    assert ran == [f"{stage}@pendulum" for stage in ("import", *STAGES[1:])]
+    # DVC leaves the order open in which the baselines are trained beside the ensemble.
+    assert sorted(ran) == sorted(f"{stage}@pendulum" for stage in ("import", *STAGES[1:]))
     assert {path: path.stat().st_size for path in before if path.is_file()} == before
     assert (clone / "data" / "reports" / "pendulum" / "report.html").is_file()

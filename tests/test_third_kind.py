@@ -39,7 +39,7 @@ def test_a_made_up_kind_of_data_goes_through_all_stages_to_a_report(tmp_path: Pa
     experiments = {"room": {"kind": "thermostat", "raw": "rooms"}}
     yaml.dump(document | {"room": room, "experiments": experiments, "recorded": {}}, clone / "params.yaml")
 
-    assert stages_run(dvc(clone, "repro")) == [f"{stage}@room" for stage in STAGES]
+    assert sorted(stages_run(dvc(clone, "repro"))) == sorted(f"{stage}@room" for stage in STAGES)
 
     evaluation = json.loads((clone / "data" / "evaluation" / "room" / "evaluation.json").read_text(encoding="utf-8"))
     report = (clone / "data" / "reports" / "room" / "report.md").read_text(encoding="utf-8")
