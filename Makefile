@@ -61,14 +61,10 @@ run: $(VENV)/installed
 	@PATH="$(CURDIR)/$(BIN):$$PATH"; dvc stage list --name-only | grep '^report@' | xargs -P $(JOBS) -n 1 dvc --wait-for-lock repro
 
 # The example is added to what the pipeline runs: named alone, it would take the other experiments' data out of the folder.
-# DVC would leave params.yaml as it was for the example, and without its layout.
 example: $(VENV)/installed
 	$(BIN)/python examples/pendulum/make_logs.py
-	@cp params.yaml params.yaml.partial
-	@trap 'mv params.yaml.partial params.yaml' EXIT; trap 'exit 130' INT TERM; PATH="$(CURDIR)/$(BIN):$$PATH" \
-	    dvc exp run report@pendulum -S params_file=examples/pendulum/params.yaml \
-	    -S '+experiments.pendulum={kind: transitions, raw: data/raw/pendulum}' \
-	    -S '+imported.pendulum=examples/pendulum/logs'
+	@PATH="$(CURDIR)/$(BIN):$$PATH" dvc exp run report@pendulum -S '++imported.pendulum=examples/pendulum/logs' \
+	    -S '++experiments.pendulum={kind: transitions, raw: data/raw/pendulum}'
 
 test: $(VENV)/checked
 	$(BIN)/ruff check

@@ -104,13 +104,12 @@ def _job(experiment: str, name: str, seed: int, baseline: Baseline, data: Traini
             augment=data.augment, updates=baseline.updates,
         )  # fmt: skip
         seconds = ensemble_seconds(data, params)
-    augmentation = getattr(baseline.sections, "augmentation", None)
     notes = {
         "baseline": name,
         "seed": seed,
         "recipe": params.model_dump(mode="json"),
         "updates": baseline.updates,
-        "augmentation": augmentation.model_dump(mode="json") if data.augment and augmentation else None,
+        "features": baseline.features.model_dump(mode="json"),
     }
     title = f"{experiment} baseline {name} seed={seed}"
     return resumable(training, title, notes, checkpoints_dir(experiment), *data.tensors, seconds=seconds)

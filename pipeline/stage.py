@@ -15,9 +15,12 @@ from tqdm import tqdm
 
 from addressed_dynamics.base.errors import AddressedDynamicsError, ParamsError
 from addressed_dynamics.base.files import atomic_path
+from addressed_dynamics.base.params.experiments import replaced_keys
 
 DATA = Path("data")
 """Everything DVC owns; relative, because DVC runs stages in the root of the repository."""
+REPLACED_SHOWN = 8
+"""So many keys are named that another params file takes the place of."""
 PROCESSES = "ADDRESSED_DYNAMICS_PROCESSES"
 """Environment variable with the number of trainings at the same time."""
 
@@ -133,8 +136,21 @@ def run_stage(main: Callable[[Call], None]) -> NoReturn:
     parser.add_argument("--kind", default="transitions", help="kind of data: transitions or motion")
     parser.add_argument("--path", type=Path, help="file or folder to convert or to import")
     options = parser.parse_args()
-    path = options.path or raw_dir(options.experiment)
-    _end_well(lambda: main(Call(options.experiment, options.params, options.kind, path)))
+    call = Call(options.experiment, options.params, options.kind, options.path or raw_dir(options.experiment))
+
+    def stage() -> None:
+        _say_what_is_replaced(call)
+        main(call)
+
+    _end_well(stage)
+
+
+def _say_what_is_replaced(call: Call) -> None:
+    """Say which params do not hold because another file lies over them: a change of those would change nothing."""
+    replaced = replaced_keys(call.params_file, call.experiment)
+    if replaced:
+        more = f" and {len(replaced) - REPLACED_SHOWN} more" if len(replaced) > REPLACED_SHOWN else ""
+        say(f"{call.params_file} takes the place of {', '.join(replaced[:REPLACED_SHOWN])}{more}")
 
 
 def _end_well(stage: Callable[[], None]) -> NoReturn:

@@ -15,9 +15,7 @@ def main(call: Call) -> None:
     ensembles = {seed: load_any_network(folder) for seed, folder in trained_ensembles(call.experiment).items()}
     features = next(iter(ensembles.values())).features
     data = kind.load_training_data(tables_dir(call.experiment), sections, features)
-    # The features are the ensemble's: what they depend on is in its notes.
-    names = [name for name in (*kind.SECTIONS, "addressing") if name != "features"]
-    recipe = {name: getattr(sections, name).model_dump(mode="json") for name in names}
+    recipe = {name: getattr(sections, name).model_dump(mode="json") for name in ("features", "addressing")}
     stage = Stage("train_addressing", call.experiment, call.params_file, training_processes())
     train_addressings(stage, data, ensembles, sections.addressing, recipe)
 

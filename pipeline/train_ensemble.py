@@ -12,7 +12,7 @@ def main(call: Call) -> None:
     sections, kind = load_experiment(call.params_file, call.experiment, call.kind), supplied("features", call.kind)
     prepare_torch(threads=1)
     data = kind.load_training_data(tables_dir(call.experiment), sections, sections.features)
-    recipe = {name: getattr(sections, name).model_dump(mode="json") for name in (*kind.SECTIONS, "ensemble")}
+    recipe = {name: getattr(sections, name).model_dump(mode="json") for name in ("features", "ensemble")}
     stage = Stage("train_ensemble", call.experiment, call.params_file, training_processes())
     train_ensembles(stage, data, sections.ensemble, recipe)
 

@@ -64,6 +64,8 @@ MOTION: dict[str, Any] = _tiny_section("pfnn")
 
 def write_params(path: Path, **experiments: Any) -> Path:
     """Write a params file with these experiments."""
+    yaml = YAML(typ="safe", pure=True)
+    yaml.sort_base_mapping_type_on_output = False
     with path.open("w") as file:
-        YAML(typ="safe", pure=True).dump(experiments, file)
+        yaml.dump(experiments, file)
     return path

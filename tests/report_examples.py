@@ -184,8 +184,8 @@ DATA = {
     "transitions": 2000,
     "splits": {name: {"episodes": 4, "transitions": 300} for name in ("train", "validation", "test")},
     "segments": {
-        "learning": {"behaviour": "dqn", "count": 6, "transitions": 1000, "goal_share_last_100": 0.5},
-        "walls": {"behaviour": "random", "count": 6, "transitions": 1000, "goal_share_last_100": None},
+        "learning": {"behaviour": "dqn", "count": 6, "transitions": 1000, "terminated_share_last_100": 0.5},
+        "walls": {"behaviour": "random", "count": 6, "transitions": 1000, "terminated_share_last_100": None},
     },
     "coverage": {"cells_per_dimension": 50, "per_dimension": {"position": 1.0, "velocity": 0.9}, "plane": 0.7},
     "duplicates": {"rows": 20, "share": 0.01},
@@ -242,7 +242,7 @@ def write_results(
         folder / FILES["addressing.csv"], [row | dict.fromkeys(columns, 0.1 / row["epoch"]) for row in trainings]
     )
     _write_csv(folder / FILES["horizon.csv"], horizon_rows(spaces, changes.get("segments", {})))
-    rows = [{"segment": "learning", "return": -200.0 + i, "goal_reached": i % 2} for i in range(6)]
+    rows = [{"segment": "learning", "return": -200.0 + i, "terminated": i % 2} for i in range(6)]
     _write_csv(folder / FILES["learner.csv"], rows)
     walls = changes.get("wall_free", 3) is not None
     np.savez(arrays / "arrays.npz", **example_arrays(spaces, members, unused=unused, samples=samples, walls=walls))

@@ -251,11 +251,8 @@ def test_an_imported_experiment_is_converted_like_a_recorded_one_and_follows_its
 def test_the_example_after_a_finished_pipeline_leaves_the_data_of_the_other_experiments_where_they_are(
     clone: Path,
 ) -> None:
-    example = clone / "examples" / "pendulum"
     script = [sys.executable, "examples/pendulum/make_logs.py", "--episodes", "4", "--seconds", "6"]
     subprocess.run(script, cwd=clone, env=environment(clone), check=True, capture_output=True)
-    params = (example / "params.yaml").read_text(encoding="utf-8")
-    (example / "params.yaml").write_text(re.sub(r"epochs: \d+", "epochs: 2", params), encoding="utf-8")
     before = {path: path.stat().st_size for path in (clone / "data").rglob("*") if path.is_file()}
     assert len(before) > 100
     settings = [part for setting in overrides(ROOT / "Makefile") for part in ("-S", setting)]

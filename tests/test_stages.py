@@ -123,6 +123,14 @@ def call(monkeypatch: pytest.MonkeyPatch, main: Callable[[Call], None], *more: s
     return ended.value.code
 
 
+@pytest.fixture
+def somewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A working folder with a params file in which there is nothing."""
+    monkeypatch.chdir(tmp_path)
+    Path("some.yaml").write_text("{}\n")
+
+
+@pytest.mark.usefixtures("somewhere")
 def test_a_stage_gets_its_options_and_ends_well(monkeypatch: pytest.MonkeyPatch) -> None:
     calls: list[Call] = []
     assert call(monkeypatch, lambda of: calls.append(of)) == 0
@@ -133,6 +141,18 @@ def test_a_stage_gets_its_options_and_ends_well(monkeypatch: pytest.MonkeyPatch)
     ]
 
 
+def test_a_stage_says_which_params_another_file_takes_the_place_of(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_params(tmp_path / "params.yaml", car=EXAMPLE)
+    above = {"title": EXAMPLE["title"], "ensemble": {"epochs": 9}}
+    write_params(tmp_path / "some.yaml", extends="params.yaml", car=above)
+    assert call(monkeypatch, lambda _: None) == 0
+    assert capsys.readouterr().err == "some.yaml takes the place of ensemble.epochs: 2 -> 9\n"
+
+
+@pytest.mark.usefixtures("somewhere")
 def test_project_errors_and_full_disks_are_one_line_and_bugs_are_not_hidden(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -153,6 +173,7 @@ def test_project_errors_and_full_disks_are_one_line_and_bugs_are_not_hidden(
         call(monkeypatch, raising(ZeroDivisionError()))
 
 
+@pytest.mark.usefixtures("somewhere")
 def test_sigterm_cleans_up_like_ctrl_c(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     cleaned = []
 

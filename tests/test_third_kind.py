@@ -28,6 +28,7 @@ def test_a_made_up_kind_of_data_goes_through_all_stages_to_a_report(tmp_path: Pa
     car = document["mountaincar"]
     room = {
         "title": "A room",
+        "paper": None,
         "recipe": "default",
         "paper_recipe": {},
         "convert": {"test_share": 0.25},

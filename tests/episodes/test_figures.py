@@ -152,7 +152,7 @@ def test_the_data_report_says_what_is_in_the_data() -> None:
     assert found["splits"]["test"] == {"episodes": 1, "transitions": 1}
     assert found["episodes"]["ended"] == {"terminated": 50, "truncated": 100, "cut": 1}
     assert found["episodes"]["return"]["max"] == -5.0
-    assert learner["goal_share_last_100"] == 0.5
+    assert learner["terminated_share_last_100"] == 0.5
     assert learner["mean_return_by_block"][0] == -10.0
     assert learner["mean_return_by_block"][-1] == -5.0
     assert found["coverage"] == {
@@ -165,7 +165,7 @@ def test_the_data_report_says_what_is_in_the_data() -> None:
 
 def test_a_report_on_nothing_but_a_cut_episode_is_json_without_nan() -> None:
     found = report(EPISODES[-1:])
-    assert found["segments"]["learner"]["goal_share_last_100"] is None
+    assert found["segments"]["learner"]["terminated_share_last_100"] is None
     assert found["episodes"]["return"] is None
     json.dumps(found, allow_nan=False)
 
@@ -178,5 +178,5 @@ def test_the_learning_curve_has_a_row_for_each_finished_episode_in_the_order_of_
     assert len(rows) == 150
     assert [int(row["index"]) for row in rows] == list(range(150))
     assert [int(row["end_step"]) for row in rows[:3]] == [10, 20, 30]
-    assert [int(row["goal_reached"]) for row in rows] == [0] * 100 + [1] * 50
+    assert [int(row["terminated"]) for row in rows] == [0] * 100 + [1] * 50
     assert float(rows[-1]["return"]) == -5.0

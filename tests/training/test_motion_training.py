@@ -67,7 +67,7 @@ def test_it_changes_what_is_learned_but_not_that_a_seed_repeats(train: Any, opti
 
 @TRAININGS
 def test_an_augmentation_that_does_nothing_changes_nothing(train: Any) -> None:
-    nothing = MotionAugmentation(FEATURES, TRAIN.x, AugmentationParams(pose_noise=0.0, pose_mix=0.0, gait_swap=0.0))
+    nothing = MotionAugmentation(FEATURES, TRAIN.x, AugmentationParams(pose_noise=0.0, pose_shrink=0.0, gait_swap=0.0))
     assert torch.equal(weights(train(augment=nothing)), weights(train()))
 
 

@@ -11,6 +11,7 @@ from rich.console import Console
 
 from addressed_dynamics.base.errors import AddressedDynamicsError
 from addressed_dynamics.cli.inspection import Inspection, inspect_file, log_files
+from addressed_dynamics.cli.params_view import params_lines
 from addressed_dynamics.cli.terminal import file_view, folder_view
 from addressed_dynamics.logs import RecoveryReport, recover_log
 
@@ -77,6 +78,19 @@ def inspect(
         Console(width=width, highlight=False).print(view, crop=False)
     if inspection.damaged:
         raise typer.Exit(1)
+
+
+@app.command()
+def params(
+    experiment: Annotated[str, typer.Argument(metavar="NAME", help="An experiment, a section of the params file.")],
+    file: Annotated[Path, typer.Option("--params", help="The params file, or one that extends it.")] = Path(
+        "params.yaml"
+    ),
+    kind: Annotated[str | None, typer.Option(help="Its kind of data, if the file does not say.")] = None,
+) -> None:
+    """Print every key of an experiment with its value and its meaning, those at their defaults included."""
+    for line in params_lines(file, experiment, kind):
+        print(line)
 
 
 @app.command()

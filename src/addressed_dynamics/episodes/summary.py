@@ -76,12 +76,12 @@ def write_learner_curve(path: Path, episodes: Sequence[Episode], *, step_seconds
     """Write one CSV row for each finished episode, in the order of their ends (simulated time, all copies)."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["index", "segment", "end_step", "return", "length", "goal_reached"])
+    writer.writerow(["index", "segment", "end_step", "return", "length", "terminated"])
     for index, episode in enumerate(_finished(episodes)):
         # The clock of a log counts the steps of one copy of the environment.
         end_step = round(episode.end_time_ns / 1e9 / step_seconds)
-        goal_reached = int(episode.ended == "terminated")
-        writer.writerow([index, episode.segment, end_step, episode.total_reward, episode.length, goal_reached])
+        terminated = int(episode.ended == "terminated")
+        writer.writerow([index, episode.segment, end_step, episode.total_reward, episode.length, terminated])
     write_text(path, text.getvalue())
 
 
@@ -112,12 +112,12 @@ def _segment_figures(episodes: Sequence[Episode]) -> dict[str, Any]:
     return {
         **_episode_figures(episodes),
         "transitions": sum(episode.length for episode in episodes),
-        "goal_share_last_100": _share_at_goal(recent),
+        "terminated_share_last_100": _terminated_share(recent),
         "mean_return_by_block": [float(block.mean()) for block in blocks],
     }
 
 
-def _share_at_goal(episodes: Sequence[Episode]) -> float | None:
+def _terminated_share(episodes: Sequence[Episode]) -> float | None:
     return sum(episode.ended == "terminated" for episode in episodes) / len(episodes) if episodes else None
 
 

@@ -15,7 +15,7 @@ from addressed_dynamics.episodes.layout import JOINTS, OUTPUT
 from addressed_dynamics.evaluation.common.specialisation import specialisation
 from addressed_dynamics.reporting.motion.origin import MotionOrigin
 from addressed_dynamics.reporting.motion.records import MotionEvaluation
-from addressed_dynamics.sources.motion.params import AugmentationParams, MotionFeatureParams
+from addressed_dynamics.sources.motion.params import MotionFeatureParams
 
 FRAMES = 40
 OWN = "ensemble/argmax"
@@ -240,7 +240,7 @@ def origin(**changes: Any) -> MotionOrigin:
         "commit": "abc",
         "versions": {"torch": "2.0"},
         "features": MotionFeatureParams(target="trajectory_change"),
-        "augmentation": AugmentationParams(),
+        "paper": True,
         "ensemble": EnsembleParams.model_validate(EXAMPLE["ensemble"], strict=False),
         "addressing": AddressingParams.model_validate(EXAMPLE["addressing"], strict=False),
         "runs": {"ensemble/seed-0": "0123456789abcdef"},

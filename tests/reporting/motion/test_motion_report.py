@@ -143,7 +143,7 @@ def test_copies_in_the_source_are_told() -> None:
 
 def test_medians_over_seeds_have_their_spread() -> None:
     found = evaluation(more_seeds=[candidate(OWN, 1, raw=0.4), candidate(OWN, 2, raw=0.3)])
-    row = next(row for row in one_step_table(found, {}).rows if row.kind == "own")
+    row = next(row for row in one_step_table(found, {}, paper=True).rows if row.kind == "own")
     assert row.cells[5] == "0.300 (0.200 – 0.400)"
     row = next(row for row in loop_table(found).rows if row.kind == "own")
     assert row.cells[2] == "3 of 3"
@@ -153,7 +153,7 @@ def test_candidates_have_their_costs_in_the_table_and_what_is_unknown_is_a_dash(
     document = example()
     document["candidates"]["ensemble/argmax/seed-0"]["multiply_adds"] = 5678
     found = MotionEvaluation.model_validate(document)
-    table = one_step_table(found, {"ensemble": Effort(2601, 41600), "phase_functioned": Effort(2601, None)})
+    table = one_step_table(found, {"ensemble": Effort(2601, 41600), "phase_functioned": Effort(2601, None)}, paper=True)
     assert [column.header for column in table.columns[1:5]] == [
         "parameters", "updates", "samples seen", "multiply-adds a step"
     ]  # fmt: skip

@@ -20,7 +20,7 @@ def sentence(found: MotionEvaluation, *, made_up: bool = False) -> str:
 
 
 def said(found: MotionEvaluation, *, made_up: bool = False, target: str = "trajectory_change") -> str:
-    return " ".join([sentence(found, made_up=made_up), *findings(found, made_up=made_up, target=target)])
+    return " ".join([sentence(found, made_up=made_up), *findings(found, made_up=made_up, target=target, paper=True)])
 
 
 def met(found: MotionEvaluation) -> list[bool | None]:

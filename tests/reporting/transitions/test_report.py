@@ -158,8 +158,10 @@ def test_imported_logs_have_a_report_without_walls_the_paper_s_claims_or_a_learn
     unbounded = tuple(Dimension(f"joint_{i}", "rad", -np.inf, np.inf) for i in range(width))
     spaces = SpaceSpec(unbounded, PENDULUM.action, 0.05)
     figures, arrays = write_results(tmp_path, spaces=spaces, wall_free=None)
-    (tmp_path / FILES["learner.csv"]).write_text("index,segment,end_step,return,length,goal_reached\n")
-    segments = {"pendulum": {"behaviour": "imported", "count": 6, "transitions": 1000, "goal_share_last_100": 0.0}}
+    (tmp_path / FILES["learner.csv"]).write_text("index,segment,end_step,return,length,terminated\n")
+    segments = {
+        "pendulum": {"behaviour": "imported", "count": 6, "transitions": 1000, "terminated_share_last_100": 0.0}
+    }
     coverage = {"cells_per_dimension": 50, "per_dimension": {"joint_0": 1.0}, "plane": None}
     (tmp_path / FILES["data.json"]).write_text(json.dumps(DATA | {"segments": segments, "coverage": coverage}))
     results = load_results(figures, arrays)

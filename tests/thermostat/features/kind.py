@@ -42,7 +42,6 @@ class ThermostatFeatures:
 
 FEATURES = ThermostatFeatures
 PHASE_FEATURES = None
-SECTIONS = ("features",)
 
 
 def load_training_data(

@@ -30,6 +30,7 @@ class ThermostatParams(Section):
     """All sections."""
 
     title: str
+    paper: None = None
     recipe: Literal["default", "paper"] = "default"
     paper_recipe: RecipeChanges = Field(default_factory=RecipeChanges)
     convert: ConvertParams

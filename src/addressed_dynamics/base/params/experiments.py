@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import reprlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,7 @@ from ruamel.yaml.error import YAMLError
 
 from addressed_dynamics.base.errors import ParamsError
 from addressed_dynamics.base.kinds import supplied
+from addressed_dynamics.base.params.sections import CHOOSERS, merged
 from addressed_dynamics.base.params.source import SourceParams
 from addressed_dynamics.base.params.training import AddressingTraining
 
@@ -20,8 +23,9 @@ _FORMS = {"int", "tuple[float, ...]"}
 """What pydantic adds to a key's path where a value may be of several types."""
 _LISTS = {"experiments", "imported"}
 """Mappings at the top of a params file that are no experiments."""
-_CHOOSERS = ("kind", "by")
-"""Keys whose value chooses one of several forms of their section; pydantic adds this value to the path."""
+EXTENDS = "extends"
+"""Key at the top of a params file with the name of another, relative to its folder, which it takes the place of where
+it says otherwise."""
 
 
 def load_experiment(path: Path, experiment: str, kind: str) -> Any:
@@ -40,8 +44,36 @@ def load_recipes(path: Path, experiment: str, kind: str) -> tuple[Any, Any]:
     Raises:
         ParamsError: as in `load_experiment`.
     """
-    section = _read_section(path, experiment)
+    section = _section(path, experiment, _read_params(path))
     return _load_recipes(path, experiment, section, supplied("sources", kind, "params").FORM)
+
+
+def load_kind(path: Path, experiment: str) -> str | None:
+    """Return the kind of data that the params file at `path`, or one that it extends, names for `experiment`, if any.
+
+    Raises:
+        ParamsError: a file is missing or is not YAML.
+    """
+    document = _read_params(path)
+    for names, key in (("experiments", "kind"), ("recorded", None)):
+        entry = (document.get(names) or {}).get(experiment)
+        kind = entry.get(key) if isinstance(entry, dict) else entry
+        if isinstance(kind, str):
+            return kind
+    return "transitions" if "source" in (document.get(experiment) or {}) else None
+
+
+def replaced_keys(path: Path, experiment: str) -> list[str]:
+    """Return what the params file at `path` takes the place of in the file that it extends, as `key: old -> new`.
+
+    Raises:
+        ParamsError: as in `load_experiment`.
+    """
+    document = _read_yaml(path)
+    if EXTENDS not in document:
+        return []
+    base = _read_params(_extended(path, document))
+    return [*_differences(base.get(experiment), _section(path, experiment, document))]
 
 
 def load_record_params(path: Path, experiment: str, kind: str) -> Any:
@@ -78,17 +110,48 @@ def load_source_params(path: Path, experiment: str, kind: str) -> SourceParams:
 
 def _load_recipes(path: Path, experiment: str, section: Any, form: Any) -> tuple[Any, Any]:
     default = _validated(path, experiment, section, form)
-    changes = default.paper_recipe
-    changed = {**section, **{name: {**section.get(name, {}), **keys} for name, keys in changes}}
-    training = {key: value for key, value in changes.addressing.items() if key in AddressingTraining.model_fields}
-    baselines = section["baselines"]
-    changed["baselines"] = {**baselines, "addressing": {**baselines["addressing"], **training}}
-    paper = _validated(path, experiment, changed, form)
+    changes = merged(default.paper_recipe.PAPER, default.paper_recipe.model_dump(mode="json"))
+    training = {key: value for key, value in changes["addressing"].items() if key in AddressingTraining.model_fields}
+    paper = _validated(path, experiment, merged(section, changes | {"baselines": {"addressing": training}}), form)
     return (default, paper) if default.recipe == "default" else (paper, default)
 
 
-def _read_section(path: Path, experiment: str) -> Any:
+def _read_params(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
+    """Read a params file with what it extends, which it takes the place of key by key."""
     document = _read_yaml(path)
+    if EXTENDS not in document:
+        return document
+    base = _extended(path, document)
+    if base.resolve() in above:
+        message = f"{path}: it extends {base}, which extends it in turn; take '{EXTENDS}' out of one of them"
+        raise ParamsError(message)
+    return merged(_read_params(base, (*above, path.resolve())), document)
+
+
+def _extended(path: Path, document: dict[str, Any]) -> Path:
+    name = document[EXTENDS]
+    if not isinstance(name, str):
+        message = f"{path}: {EXTENDS}: it should be the name of a params file, but is {reprlib.repr(name)}"
+        raise ParamsError(message)
+    base = Path(os.path.normpath(path.parent / name))
+    if not base.is_file():
+        message = (
+            f"{path}: {EXTENDS}: there is no params file {base}; the name is relative to the folder of {path.name}"
+        )
+        raise ParamsError(message)
+    return base
+
+
+def _differences(below: Any, above: Any, key: str = "") -> Iterator[str]:
+    if isinstance(below, dict) and isinstance(above, dict):
+        for name in above:
+            if name in below:
+                yield from _differences(below[name], above[name], f"{key}.{name}" if key else name)
+    elif below != above:
+        yield f"{key}: {reprlib.repr(below)} -> {reprlib.repr(above)}"
+
+
+def _section(path: Path, experiment: str, document: dict[str, Any]) -> Any:
     _refuse_old_form(path, experiment, document)
     if experiment not in document:
         sections = [name for name in document if isinstance(document[name], dict) and name not in _LISTS]
@@ -102,7 +165,7 @@ def _refuse_old_form(path: Path, experiment: str, document: dict[str, Any]) -> N
     section = document.get(experiment)
     old = sorted({"motions", "made_up"} & set(document))
     if isinstance(section, dict):
-        old += [f"{experiment}.{key}" for key in ("walker", "kind") if key in section]
+        old += [f"{experiment}.{key}" for key in ("walker", "kind", "augmentation") if key in section]
         parts = ("ensemble", "addressing", "baselines")
         old += [f"{experiment}.{key}.processes" for key in parts if "processes" in (section.get(key) or {})]
     if old or isinstance(document.get("experiments"), list):
@@ -110,8 +173,8 @@ def _refuse_old_form(path: Path, experiment: str, document: dict[str, Any]) -> N
         message = (
             f"{path}: a params file of an earlier form ({found}): 'experiments' is now a mapping of names to "
             "{kind: transitions or motion, raw: folder of the raw data}, 'recorded' one of names to kinds, 'motions' "
-            "and 'made_up' are gone, and in a section 'walker' is 'record', 'kind' and 'processes' are left out; see "
-            "docs/decisions/0012-kinds.md"
+            "and 'made_up' are gone, and in a section 'walker' is 'record', 'augmentation' belongs in "
+            "'features', 'kind' and 'processes' are left out; see docs/decisions/0012-kinds.md"
         )
         raise ParamsError(message)
 
@@ -158,6 +221,8 @@ def _one_line(path: Path, experiment: str, section: Any, error: ValidationError)
             what = "missing key"
         case "value_error":
             what = first["msg"].removeprefix("Value error, ")
+        case "tuple_type":
+            what = f"it should be a list, but it is {reprlib.repr(first['input'])}"
         case _:
             what = f"{first['msg'][0].lower()}{first['msg'][1:]}, but it is {reprlib.repr(first['input'])}"
     more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
@@ -171,9 +236,12 @@ def _key_path(location: tuple[int | str, ...], section: Any) -> list[str]:
     for part in location:
         if part in _FORMS:
             continue
-        if isinstance(place, dict) and not chosen and part in [place.get(key) for key in _CHOOSERS]:
+        # pydantic adds the form that was chosen.
+        if isinstance(place, dict) and not chosen and part in [place.get(key) for key in CHOOSERS]:
             chosen = True
             continue
+        if isinstance(place, dict) and isinstance(part, int) and part not in place and part < len(place):
+            part = list(place)[part]
         keys.append(str(part))
         chosen = False
         match place:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
-from addressed_dynamics.base.params.sections import Count, Positive, Section, Seed, Share
+from addressed_dynamics.base.params.sections import Count, Positive, Section, Seed, Share, Widths, by_name
 
 Action = int | tuple[float, ...]
 
@@ -16,7 +16,7 @@ class EnvironmentParams(Section):
 
     id: str
     """Gymnasium identifier, for instance `MountainCar-v0`."""
-    kwargs: dict[str, Any]
+    kwargs: dict[str, Any] = Field(default_factory=dict)
     """Keyword arguments for `gymnasium.make`."""
 
 
@@ -24,36 +24,36 @@ class DqnBehaviour(Section):
     """A DQN (stable-baselines3) that learns while it is recorded."""
 
     kind: Literal["dqn"]
-    frame_skip: Count
+    frame_skip: Count = 1
     """Simulated steps in a decision, for which its action is held; each of them is recorded. The intervals below
     count decisions."""
-    reward_scale: Positive
+    reward_scale: Positive = 1.0
     """What the rewards, summed over a decision, are multiplied by for the learner alone. It learns fast if returns are
     some tens at most: the value network starts at zero, and beyond an error of 1 its loss pulls no harder."""
-    learning_rate: Positive
-    batch_size: Count
+    learning_rate: Positive = 4e-3
+    batch_size: Count = 128
     """Decisions per gradient step."""
-    buffer_size: Count
+    buffer_size: Count = 50_000
     """Decisions kept for replay."""
-    learning_starts: Annotated[int, Field(ge=0)]
+    learning_starts: Annotated[int, Field(ge=0)] = 1000
     """Decisions, over all copies, before the first gradient step."""
-    discount: Share
+    discount: Share = 0.98
     """Of the return that follows a decision."""
-    return_steps: Count
+    return_steps: Count = 5
     """Decisions whose rewards a target sums before it asks the value network for the rest (n-step returns)."""
-    target_update_interval: Count
+    target_update_interval: Count = 600
     """Decisions, over all copies, between two copies of the value network to the target network."""
-    train_every: Count
+    train_every: Count = 8
     """Decisions of each environment between two rounds of training."""
-    gradient_steps: Count
+    gradient_steps: Count = 8
     """Gradient steps in a round of training."""
-    exploration_share: Share
+    exploration_share: Share = 0.2
     """Share of the segment over which epsilon falls from 1 to its final value."""
-    exploration_final: Share
+    exploration_final: Share = 0.07
     """Final epsilon."""
-    exploration_hold_steps: Annotated[float, Field(ge=1.0)]
+    exploration_hold_steps: Annotated[float, Field(ge=1.0)] = 10.0
     """Mean number of decisions for which a random action is held (geometric)."""
-    hidden: tuple[Count, ...]
+    hidden: Widths = (64, 64)
     """Widths of the value network's hidden layers."""
 
 
@@ -92,11 +92,11 @@ class SegmentParams(Section):
     name: Annotated[str, Field(pattern=r"^[a-z0-9_]+$")]
     behaviour: Behaviour
     environment: EnvironmentParams
-    environments: Count
+    environments: Count = 4
     """Copies of the environment that run side by side."""
     transitions: Count
     """Transitions to record, over all copies; a multiple of their number."""
-    seed: Seed
+    seed: Seed = 0
     """Copy i is first reset with this seed plus i."""
 
     @model_validator(mode="after")
@@ -110,9 +110,10 @@ class SegmentParams(Section):
 class RecordParams(Section):
     """The recording plan."""
 
-    shard_transitions: Count
+    shard_transitions: Count = 50_000
     """A log file is closed at the end of the episode in which it reaches this many transitions."""
-    segments: Annotated[tuple[SegmentParams, ...], Field(min_length=1)]
+    segments: Annotated[tuple[SegmentParams, ...], BeforeValidator(by_name), Field(min_length=1)]
+    """In their order, each under its name."""
 
     @model_validator(mode="after")
     def _segments_fit(self) -> RecordParams:
@@ -135,6 +136,6 @@ class RecordParams(Section):
 class WalkerParams(Section):
     """Clips that are made up, so that the experiment runs on a machine without motion capture."""
 
-    minutes: Positive
+    minutes: Positive = 3.0
     """Length of all clips together, mirrors included."""
-    seed: Seed
+    seed: Seed = 0

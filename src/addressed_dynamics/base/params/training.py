@@ -2,34 +2,45 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
-from addressed_dynamics.base.params.sections import Count, Dropout, OptimiserParams, Section, Seed, Share
+from addressed_dynamics.base.params.sections import Count, Dropout, OptimiserParams, Section, Seed, Share, Widths
+
+Activation = Literal["relu", "tanh", "elu"]
+Loss = Literal["mse", "mae", "mae+mse"]
 
 
 class EnsembleParams(Section):
     """Phase 1: Algorithm 1 and the subnetworks."""
 
-    seeds: Annotated[tuple[Seed, ...], Field(min_length=1)]
+    seeds: Annotated[tuple[Seed, ...], Field(min_length=1)] = (0, 1)
     """One ensemble is trained from each seed; the first is the one that is delivered."""
-    members: Count
+    members: Count = 2
     """Number of subnetworks, n in the paper."""
-    hidden: tuple[Count, ...]
+    hidden: Widths = (128, 128)
     """Widths of the hidden layers."""
-    activation: Literal["relu", "tanh", "elu"]
-    loss: Literal["mse", "mae", "mae+mse"]
-    optimiser: OptimiserParams
-    batch_size: Count
+    activation: Activation = "relu"
+    loss: Loss = "mae+mse"
+    optimiser: OptimiserParams = OptimiserParams()
+    batch_size: Count = 64
     """Samples per member and update."""
     dropout: Dropout = 0.0
     """Share of every layer's inputs that are set to 0 in an update."""
-    epochs: Count
-    cluster_epochs: Count
-    """Bins are made anew in the first so many epochs and kept after that; as many as `epochs` is the paper's way."""
+    epochs: Count = 24
+    cluster_epochs: Count = 3
+    """Bins are made anew in the first so many epochs and kept after that; `all` of them is the paper's way."""
     restart: bool = False
     """Whether the networks start again, untrained, when the bins are kept: they then see nothing but their own bins."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _clusters_in_all_epochs(cls, section: Any) -> Any:
+        if isinstance(section, dict) and section.get("cluster_epochs") == "all":
+            return section | {"cluster_epochs": section.get("epochs", cls.model_fields["epochs"].default)}
+        return section
 
     @model_validator(mode="after")
     def _restarts_before_the_end(self) -> EnsembleParams:
@@ -45,26 +56,31 @@ class EnsembleParams(Section):
 class AddressingTraining(Section):
     """How an addressing network is made and trained."""
 
-    hidden: tuple[Count, ...]
+    hidden: Widths = (128, 128, 64)
     """Widths of the hidden layers; of the trunk's layers, if there are `heads`."""
-    heads: tuple[Count, ...]
+    heads: Widths = ()
     """Widths of the hidden layers of one head for each member; empty: one output layer for all."""
-    activation: Literal["relu", "tanh", "elu"]
-    optimiser: OptimiserParams
-    batch_size: Count
+    activation: Activation = "relu"
+    optimiser: OptimiserParams = OptimiserParams(learning_rate=2e-3)
+    batch_size: Count = 128
     dropout: Dropout = 0.0
     """Share of every layer's inputs that are set to 0 in an update."""
-    epochs: Count
-    tie_share: Share
+    epochs: Count = 10
+    tie_share: Share = 1.0
     """Share of the weight that `cost_sensitive` spreads evenly, so that near ties are decided too; 1 makes it plain."""
+
+
+Variants = Annotated[tuple[Literal["plain", "cost_sensitive"], ...], Field(min_length=1)]
 
 
 class AddressingParams(AddressingTraining):
     """Phase 2: the addressing network."""
 
-    variants: Annotated[tuple[Literal["plain", "cost_sensitive"], ...], Field(min_length=1)]
+    epochs: Count = 20
+    tie_share: Share = 0.5
+    variants: Variants = ("plain", "cost_sensitive")
     """Which ones to train: `plain` is the paper's; `cost_sensitive` weighs a sample by what a wrong choice costs."""
-    deliver: Literal["best", "plain", "cost_sensitive"]
+    deliver: Literal["best", "plain", "cost_sensitive"] = "best"
     """Which one becomes part of the model: a variant, or the one with the lowest regret on validation episodes."""
 
     @model_validator(mode="after")
@@ -78,10 +94,10 @@ class AddressingParams(AddressingTraining):
 class SingleNetwork(Section):
     """One plain network; what is not here is as for the ensemble."""
 
-    hidden: tuple[Count, ...]
+    hidden: Widths
     """Widths of the hidden layers."""
-    activation: Literal["relu", "tanh", "elu"]
-    batch_size: Count
+    activation: Activation = "relu"
+    batch_size: Count = 32
     """Samples per update."""
 
 
@@ -102,14 +118,14 @@ BaselineName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$"), AfterValidato
 class BlendedNetwork(Section):
     """Networks whose parameters are mixed for every frame, by its phase or by a gate that is trained with them."""
 
-    hidden: tuple[Count, ...]
+    hidden: Widths
     """Widths of the hidden layers."""
-    gate_hidden: tuple[Count, ...]
+    gate_hidden: Widths
     """Widths of the gate's hidden layers; of no use where the phase mixes."""
     members: Count
     """Networks that a gate mixes; a phase-functioned network has 4 control points."""
-    activation: Literal["relu", "tanh", "elu"]
-    loss: Literal["mse", "mae", "mae+mse"]
+    activation: Activation
+    loss: Loss
     optimiser: OptimiserParams
     batch_size: Count
     dropout: Dropout = 0.3
@@ -124,21 +140,15 @@ class BlendedTraining(BlendedNetwork):
     epochs: Count
 
 
+Trained = Literal[
+    "total_parameters", "same_size", "unequal_bins", "random_bins", "other_recipe", "phase_functioned", "learned_blend"
+]
+
+
 class BaselinesParams(Section):
     """What the ensemble is compared with; same data, same number of updates."""
 
-    train: tuple[
-        Literal[
-            "total_parameters",
-            "same_size",
-            "unequal_bins",
-            "random_bins",
-            "other_recipe",
-            "phase_functioned",
-            "learned_blend",
-        ],
-        ...,
-    ]
+    train: tuple[Trained, ...] = ("total_parameters", "unequal_bins", "random_bins")
     """`total_parameters`: one network with as many parameters as the members together; `same_size`: one like a member;
     `unequal_bins`: each sample to its best member; `random_bins`: fixed random bins; `other_recipe`: the ensemble with
     the paper's recipe, or, if that is the one chosen, with the default; `phase_functioned`: PFNN, with its own features
@@ -150,9 +160,9 @@ class BaselinesParams(Section):
     such ensemble."""
     phase_functioned: BlendedNetwork | None = None
     learned_blend: BlendedNetwork | None = None
-    seeds: Annotated[tuple[Seed, ...], Field(min_length=1)]
+    seeds: Annotated[tuple[Seed, ...], Field(min_length=1)] = (0,)
     """One of each is trained from each seed."""
-    addressing: AddressingTraining
+    addressing: AddressingTraining = AddressingTraining()
     """The addressing networks of `unequal_bins`, `random_bins` and `other_recipe`, trained on plain argmin targets."""
 
     @model_validator(mode="after")
@@ -164,8 +174,18 @@ class BaselinesParams(Section):
         return self
 
 
+PAPER_OPTIMISER = {"learning_rate": 1e-4, "betas": [0.9, 0.99], "final_share": 1.0}
+"""The paper's: Adam at a constant rate."""
+
+
 class RecipeChanges(Section):
-    """What another recipe changes: some keys of some sections, which it takes the place of."""
+    """In what an experiment does otherwise with the paper's recipe, beside what `PAPER` says for its kind of data."""
+
+    PAPER: ClassVar[Mapping[str, Any]] = {
+        "ensemble": {"loss": "mae", "optimiser": PAPER_OPTIMISER, "cluster_epochs": "all", "restart": False},
+        "addressing": {"optimiser": PAPER_OPTIMISER, "variants": ["plain"], "deliver": "plain"},
+    }
+    """Keys of sections that take the place of the experiment's own."""
 
     features: dict[str, Any] = Field(default_factory=dict)
     ensemble: dict[str, Any] = Field(default_factory=dict)

@@ -14,8 +14,6 @@ FEATURES = MotionFeatures
 """What networks of this kind of data are saved with."""
 PHASE_FEATURES = MotionFeatureParams(target="absolute", joint_input_weight=0.1)
 """What a phase-functioned network is given and asked for (Holden, Komura, Saito 2017, Section 6)."""
-SECTIONS = ("features", "augmentation")
-"""Sections of an experiment's params that say what networks see."""
 
 
 def load_training_data(
@@ -29,6 +27,6 @@ def load_training_data(
     train, validation = load_motion(tables, "train"), load_motion(tables, "validation")
     spec = features if isinstance(features, MotionFeatures) else fit_motion_features(train, features)
     samples = spec.samples(train)
-    augment = MotionAugmentation(spec, samples.x, sections.augmentation) if augmented else None
+    augment = MotionAugmentation(spec, samples.x, sections.features.augmentation) if augmented else None
     phases = from_numpy(train.phase), from_numpy(validation.phase)
     return TrainingData(spec, samples, spec.samples(validation), augment, phases)

@@ -11,8 +11,6 @@ FEATURES = FeatureSpec
 """What networks of this kind of data are saved with."""
 PHASE_FEATURES = None
 """Transitions have no phase that could mix networks."""
-SECTIONS = ("features",)
-"""Sections of an experiment's params that say what networks see."""
 
 
 def load_training_data(

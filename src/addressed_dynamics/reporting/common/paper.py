@@ -147,4 +147,4 @@ PAPER: Mapping[str, PaperFigures] = {
         ),
     ),
 }
-"""By experiment; one that is not here has a report without the paper's figures."""
+"""By the paper's experiment, as `paper` in the params names it."""

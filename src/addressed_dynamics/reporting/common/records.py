@@ -325,7 +325,7 @@ class SegmentResult(Record):
     behaviour: str
     count: int
     transitions: int
-    goal_share_last_100: float | None
+    terminated_share_last_100: float | None
 
 
 class SplitResult(Record):

@@ -48,8 +48,8 @@ def build_motion_report(results: MotionResults, origin: MotionOrigin) -> Report:
         title=origin.title,
         subtitle=subtitle(made_up=made_up),
         verdict=verdict(evaluation, targets, made_up=made_up),
-        findings=findings(evaluation, made_up=made_up, target=origin.features.target),
-        targets=target_table(targets, len(evaluation.models[evaluation.own_group])),
+        findings=findings(evaluation, made_up=made_up, target=origin.features.target, paper=origin.paper),
+        targets=target_table(targets, len(evaluation.models[evaluation.own_group]), paper=origin.paper),
         sections=tuple(section for section in sections if section.blocks),
     )
 
@@ -113,7 +113,7 @@ def _one_step_blocks(results: MotionResults, origin: MotionOrigin) -> tuple[Bloc
     if "train" in evaluation.splits:
         efforts[ENSEMBLE] = ensemble_effort(origin.ensemble, evaluation.splits["train"])
     return (
-        tables.one_step_table(evaluation, efforts),
+        tables.one_step_table(evaluation, efforts, paper=origin.paper),
         tables.block_table(evaluation),
         one_step.joint_errors(evaluation),
         one_step.frames_over_time(evaluation, results.arrays),

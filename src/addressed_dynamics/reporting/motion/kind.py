@@ -12,7 +12,7 @@ from addressed_dynamics.reporting.motion.document import build_motion_report, mo
 from addressed_dynamics.reporting.motion.figures.films import write_motion_scene
 from addressed_dynamics.reporting.motion.origin import MotionOrigin
 from addressed_dynamics.reporting.motion.results import load_motion_results
-from addressed_dynamics.sources.motion.params import AugmentationParams
+from addressed_dynamics.sources.motion.params import MotionFeatureParams
 
 LIBRARIES = ("addressed-dynamics", "numpy", "torch")
 SCENE = "closed-loop.mcap"
@@ -31,11 +31,11 @@ def write(subject: Subject, target: Path) -> Written:
         recipe=subject.params.recipe,
         commit=subject.commit,
         versions={name: version(name) for name in LIBRARIES},
-        features=ensemble.features.params,
-        augmentation=AugmentationParams.model_validate(recipe["augmentation"], strict=False),
+        features=MotionFeatureParams.model_validate(recipe["features"], strict=False),
         ensemble=EnsembleParams.model_validate(recipe["ensemble"], strict=False),
         addressing=AddressingParams.model_validate(addressing.notes["params"], strict=False),
         runs=subject.runs,
+        paper=subject.params.paper is not None,
         experiment=subject.experiment,
     )
     write_report(build_motion_report(results, origin), target)

@@ -37,14 +37,14 @@ class MotionOrigin:
     """Versions of the libraries that the results depend on."""
     features: MotionFeatureParams
     """What the networks are given and asked for."""
-    augmentation: AugmentationParams
-    """What is done to inputs in training."""
     ensemble: EnsembleParams
     """Recipe of phase 1."""
     addressing: AddressingParams
     """Recipe of phase 2."""
     runs: Mapping[str, str]
     """Digests of what was trained, with which MLflow's runs are tagged, by the outputs' names."""
+    paper: bool = False
+    """Whether what the paper states of motion stands beside the figures."""
     experiment: str = ""
     """Name of the experiment, in MLflow too; empty if it is not known."""
 
@@ -56,7 +56,7 @@ def run_facts(origin: MotionOrigin, delivered: Delivered) -> Facts:
         "Params": origin.params_file,
         "Recipe": {"default": "the default", "paper": "the paper's"}[origin.recipe],
         "Inputs": f"342, of one frame and the trajectory around it, without the phase{_weight(origin.features)}",
-        "Augmentation": _augmentation(origin.augmentation),
+        "Augmentation": _augmentation(origin.features.augmentation),
         "Subnetworks": f"{subnetwork_words(ensemble)}; they predict {TARGETS[origin.features.target]}",
         "Phase 1": (
             f"{ensemble.epochs} epochs, bins by Algorithm 1 {bins_words(ensemble)}; loss {ensemble.loss}, "

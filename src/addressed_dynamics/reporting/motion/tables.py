@@ -18,12 +18,18 @@ LEAKY = "rows"
 """The split whose frames are near copies of what was trained on."""
 
 
-def one_step_table(evaluation: MotionEvaluation, efforts: Mapping[str, Effort]) -> Table:
+PAPER_NOTE = (
+    f"The paper's figures are those of {PAPER_ROWS:,} such frames of other data, in a unit that it does not state. "
+)
+
+
+def one_step_table(evaluation: MotionEvaluation, efforts: Mapping[str, Effort], *, paper: bool) -> Table:
     """Return the costs and the errors of all candidates one step ahead, on every held-out split.
 
     Args:
         evaluation: what was measured.
         efforts: how long each group was trained, and the ensemble as `ensemble`.
+        paper: whether the paper's figures stand below.
     """
     splits = evaluation.held_out
     titles = [f"{SPLITS.get(split, split)}{' (near copies)' * (split == LEAKY)}" for split in splits]
@@ -42,7 +48,8 @@ def one_step_table(evaluation: MotionEvaluation, efforts: Mapping[str, Effort]) 
                 _spread([getattr(each.one_step[split], unit) for each in group]) for unit in ("raw", "normalised")
             ]
         rows.append(Row(tuple(cells), row_kind(evaluation, name)))
-    if LEAKY in splits:
+    paper = paper and LEAKY in splits
+    if paper:
         rows += [
             _paper_row("the paper: its model", PAPER_OWN, splits),
             _paper_row("the paper: PFNN", PAPER_PFNN, splits),
@@ -55,8 +62,7 @@ def one_step_table(evaluation: MotionEvaluation, efforts: Mapping[str, Effort]) 
         "Mean absolute error of all 311 outputs one step ahead, raw (units mixed, as the paper has it) and in units "
         f"of each output's deviation. Frames: {sizes}. Only held-out clips tell what a model makes of motion that it "
         "has not seen: held-out frames lie between two frames that it was trained on, 1/60 s apart, and an error on "
-        f"them is also one of memory. The paper's figures are those of {PAPER_ROWS:,} such frames of other data, in a "
-        f"unit that it does not state. {COSTS}"
+        f"them is also one of memory. {PAPER_NOTE * paper}{COSTS}"
         f"{'; with several seeds, the errors are the median, and the lowest and the highest' * several}."
     )
     return Table(caption, columns, tuple(rows))

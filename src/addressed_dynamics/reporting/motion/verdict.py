@@ -53,13 +53,14 @@ def verdict(evaluation: MotionEvaluation, targets: Sequence[Target], *, made_up:
     return " ".join(sentences)
 
 
-def findings(evaluation: MotionEvaluation, *, made_up: bool, target: str) -> tuple[str, ...]:
+def findings(evaluation: MotionEvaluation, *, made_up: bool, target: str, paper: bool) -> tuple[str, ...]:
     """Return the sentences that the verdict rests on.
 
     Args:
         evaluation: what was measured.
         made_up: whether the data are synthetic.
         target: what our networks are asked for, as `MotionFeatureParams.target`.
+        paper: whether the paper's figures stand beside ours.
     """
     sentences = [
         one_step(evaluation),
@@ -69,13 +70,13 @@ def findings(evaluation: MotionEvaluation, *, made_up: bool, target: str) -> tup
         closed_loop(evaluation),
         ranks(evaluation),
         *addressing(evaluation),
-        near_copies(evaluation),
+        near_copies(evaluation) if paper else "",
         *_seeds(evaluation),
     ]
     if made_up:
         sentences.append(
-            "The clips are synthetic: a walker made up by a program. The comparisons hold for these data alone, and "
-            "none of the figures can stand beside those of the paper."
+            "The clips are synthetic: a walker made up by a program. The comparisons hold for these data alone"
+            f"{', and none of the figures can stand beside those of the paper' * paper}."
         )
     return tuple(sentence for sentence in sentences if sentence)
 

@@ -88,10 +88,11 @@ def _data_blocks(results: Results) -> tuple[Block, ...]:
         "action."
     ]
     for name in learners:
-        share = data.segments[name].goal_share_last_100
+        share = data.segments[name].terminated_share_last_100
         if share is not None:
             sentences.append(
-                f"The DQN of segment {name} reaches the goal in {percent(share, 0)} of its last 100 episodes."
+                f"Of the last 100 episodes of the DQN of segment {name}, {percent(share, 0)} ended inside the task, "
+                "before the limit of time."
             )
     figure = curves.learner_returns(results.learner, learners)
     return (Text((" ".join(sentences),)), tables.segment_table(data), *([figure] if figure else []))

@@ -39,7 +39,7 @@ def write(subject: Subject, target: Path) -> Written:
         runs=subject.runs,
         experiment=subject.experiment,
     )
-    paper = PAPER.get(subject.experiment)
+    paper = PAPER[subject.params.paper] if subject.params.paper else None
     write_report(build_report(results, origin, paper), target)
     model = PortableDynamics(AddressedDynamics(ensemble.features, ensemble.stack, addressing.stack))
     return Written(headline(results, paper), (model, _input_example(results.arrays, ensemble.features.history)))

@@ -216,7 +216,7 @@ def seed_table(evaluation: Evaluation, delivered: Mapping[str, str]) -> Table:
 
 
 def segment_table(data: DataResult) -> Table:
-    """Return what was recorded; whether the goal was reached, if an agent learned to reach it."""
+    """Return what was recorded; how many episodes ended inside the task, if an agent learned to end them."""
     learned = any(segment.behaviour == "dqn" for segment in data.segments.values())
     columns = [
         Column("Segment", numeric=False),
@@ -230,10 +230,11 @@ def segment_table(data: DataResult) -> Table:
     )
     caption = f"What was recorded. Episodes are kept whole when the data is split: {splits}."
     if learned:
-        columns.append(Column("goal reached, last 100"))
+        columns.append(Column("ended inside the task, last 100"))
         for row, segment in zip(rows, data.segments.values(), strict=True):
-            row.append(percent(segment.goal_share_last_100, 0))
+            row.append(percent(segment.terminated_share_last_100, 0))
         caption += (
-            " The share that reaches the goal is 0 by design in segments whose environment does not end at the goal."
+            " An episode ends inside the task where its environment says `terminated`, as at a goal or after a fall; "
+            "the share is 0 by design where an environment never does."
         )
     return Table(caption, tuple(columns), tuple(Row(tuple(row)) for row in rows))

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from addressed_dynamics.base.params.recording import EnvironmentParams, RecordParams
-from addressed_dynamics.base.params.sections import Count, Positive, Section, Seed, Share
+from addressed_dynamics.base.params.sections import Count, Positive, Section, Seed, Share, by_name
 from addressed_dynamics.base.params.source import SourceParams
 from addressed_dynamics.base.params.training import AddressingParams, BaselinesParams, EnsembleParams, RecipeChanges
 
@@ -15,13 +16,13 @@ from addressed_dynamics.base.params.training import AddressingParams, BaselinesP
 class ConvertParams(Section):
     """From logs to tables."""
 
-    validation_share: Share
+    validation_share: Share = 0.1
     """Share of the episodes kept for choosing recipes."""
-    test_share: Share
+    test_share: Share = 0.15
     """Share of the episodes kept for the evaluation."""
-    split_seed: Seed
+    split_seed: Seed = 0
     """Seed of the hash that gives each episode its split."""
-    row_group_rows: Count
+    row_group_rows: Count = 131_072
     """Rows in a Parquet row group."""
 
     @model_validator(mode="after")
@@ -47,15 +48,15 @@ class AngleParams(Section):
 class FeatureParams(Section):
     """What a network is given and what it is asked for."""
 
-    target: Literal["absolute", "change"]
+    target: Literal["absolute", "change"] = "change"
     """`absolute`: the next state, as in the paper; `change`: the next state minus the state."""
     history: Count = 1
     """Number of consecutive frames (states with their actions) that a network is given."""
     history_weight: Positive = 1.0
     """Size of the inputs of older frames beside those of the last, which is the state itself; 1 makes no difference
     between them, as in the paper."""
-    angles: tuple[AngleParams, ...] = ()
-    """Angles given by cosine and sine; predicted cosines and sines are put back on the unit circle."""
+    angles: Annotated[tuple[AngleParams, ...], BeforeValidator(by_name)] = ()
+    """Each under its name: angles given by cosine and sine; predicted cosines and sines are put back on the circle."""
     angle_from: Literal["weighted", "atan2"] = "atan2"
     """How an angle comes from a predicted cosine and sine: the paper's weighted mean (Section 3.3), or atan2."""
     velocity: Literal["difference", "predicted"] = "predicted"
@@ -67,13 +68,13 @@ class EnvironmentRollouts(Section):
 
     kind: Literal["environment"]
     environment: EnvironmentParams
-    episodes: Count
-    steps: Count
-    seed: Seed
-    swing_share: Share
+    episodes: Count = 200
+    steps: Count = 1000
+    seed: Seed = 0
+    swing_share: Share = 0.8
     """Largest share of stretches in which the behaviour pushes in the direction of motion, which drives a car to both
     walls; in the others it holds a random action."""
-    mean_hold_steps: Annotated[float, Field(ge=1.0)]
+    mean_hold_steps: Annotated[float, Field(ge=1.0)] = 2.0
     """Mean length of a stretch, in steps (geometric)."""
 
 
@@ -81,11 +82,11 @@ class RecordedRollouts(Section):
     """Free-running rollouts beside stretches of held-out episodes, under the actions recorded there."""
 
     kind: Literal["recorded"]
-    episodes: Count
+    episodes: Count = 40
     """Stretches to replay; fewer if the held-out episodes have no more."""
-    steps: Annotated[int, Field(ge=2)]
+    steps: Annotated[int, Field(ge=2)] = 100
     """Steps in a stretch; if no held-out episode is as long, as many as the longest allows."""
-    seed: Seed
+    seed: Seed = 0
     """Which stretches are taken, if there are more than asked for."""
     physics: Literal["acrobot"] | None = None
     """`acrobot`: judge angles and energy too, beside simulations by the true equations of motion."""
@@ -96,7 +97,18 @@ class RecordedRollouts(Section):
 class EvaluationParams(Section):
     """What is measured on held-out episodes."""
 
-    rollouts: Annotated[EnvironmentRollouts | RecordedRollouts, Field(discriminator="kind")]
+    rollouts: Annotated[EnvironmentRollouts | RecordedRollouts, Field(discriminator="kind")] = RecordedRollouts(
+        kind="recorded"
+    )
+
+
+class TransitionsRecipe(RecipeChanges):
+    """In what the paper's recipe differs, also of angles (Section 3.3)."""
+
+    PAPER: ClassVar[Mapping[str, Any]] = {
+        **RecipeChanges.PAPER,
+        "features": {"target": "absolute", "history_weight": 1.0, "angle_from": "weighted", "velocity": "difference"},
+    }
 
 
 class ExperimentParams(Section):
@@ -105,18 +117,20 @@ class ExperimentParams(Section):
     title: str
     recipe: Literal["default", "paper"] = "default"
     """Whether the sections below hold as they are, or with what `paper_recipe` changes."""
-    paper_recipe: RecipeChanges = Field(default_factory=RecipeChanges)
+    paper_recipe: TransitionsRecipe = TransitionsRecipe()
     """What the paper does otherwise; its addressing holds for `baselines.addressing` too."""
+    paper: Literal["mountaincar", "acrobot"] | None = None
+    """The paper's experiment whose figures the report compares with; null: none."""
     record: RecordParams | None = None
     """What to record; absent if there is a `source`."""
     source: SourceParams | None = None
     """Which logs or tables to import; absent if there is a `record`."""
-    convert: ConvertParams
-    features: FeatureParams
-    ensemble: EnsembleParams
-    addressing: AddressingParams
-    baselines: BaselinesParams
-    evaluation: EvaluationParams
+    convert: ConvertParams = ConvertParams()
+    features: FeatureParams = FeatureParams()
+    ensemble: EnsembleParams = EnsembleParams()
+    addressing: AddressingParams = AddressingParams()
+    baselines: BaselinesParams = BaselinesParams()
+    evaluation: EvaluationParams = EvaluationParams()
 
     @model_validator(mode="after")
     def _has_one_origin(self) -> ExperimentParams:

@@ -40,21 +40,21 @@ def learner_returns(learner: Mapping[str, Columns], segments: list[str]) -> Figu
         axes.plot(episodes, _trailing_mean(values), color=INK)
         axes.set(xlabel="finished episode", ylabel="return")
 
-    def successes(axes: Axes, reached: Float[np.ndarray, " episode"]) -> None:
-        axes.plot(np.arange(1, len(reached) + 1), 100 * _trailing_mean(reached), color=INK)
-        axes.set(xlabel="finished episode", ylabel="goal reached (%)", ylim=(-2, 102))
+    def ends(axes: Axes, terminated: Float[np.ndarray, " episode"]) -> None:
+        axes.plot(np.arange(1, len(terminated) + 1), 100 * _trailing_mean(terminated), color=INK)
+        axes.set(xlabel="finished episode", ylabel="ended inside the task (%)", ylim=(-2, 102))
 
     panels: list[Panel] = []
     for name in shown:
-        values, reached = learner[name]["return"], learner[name]["goal_reached"]
+        values, terminated = learner[name]["return"], learner[name]["terminated"]
         title = f"of the episodes of segment {name}"
         panels += [
             panel(f"learner-return-{name}", f"Return {title}", partial(returns, values=values), size=(4.6, 2.8)),
-            panel(f"learner-goal-{name}", f"Success {title}", partial(successes, reached=reached), size=(4.6, 2.8)),
+            panel(f"learner-ends-{name}", f"Ends {title}", partial(ends, terminated=terminated), size=(4.6, 2.8)),
         ]
     caption = (
         f"The recorded agent learns (segment {', '.join(shown)}). Left: return of each finished episode (dots) and "
-        f"mean of the last {WINDOW} (line). Right: share of the last {WINDOW} episodes that reached the goal."
+        f"mean of the last {WINDOW} (line). Right: share of the last {WINDOW} episodes that ended inside the task."
     )
     return Figure(caption, tuple(panels)) if panels else None
 
