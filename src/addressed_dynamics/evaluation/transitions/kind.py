@@ -78,7 +78,10 @@ def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int
         start = untrained_ensemble(model.features.inputs, model.features.outputs, two, seed=seed)
         arrays |= pair_arrays(network, start, points["test"], loss)
     chosen = Delivered(first, delivered[first], "argmax")
-    return Evaluated(report, arrays, {"horizon": horizon}, _headline(report), summarise(report), chosen)
+    features = model.features
+    scale = dict(zip((each.name for each in features.spaces.observation), features.scale, strict=True))
+    summary = summarise(report, horizon, scale, features.spaces.step_seconds)
+    return Evaluated(report, arrays, {"horizon": horizon}, _headline(report), summary, chosen)
 
 
 def ensemble_recipe(folder: Path, seed: int) -> EnsembleParams:
