@@ -6,7 +6,7 @@ from typing import Any
 
 import torch
 
-from addressed_dynamics.base.files import atomic_path, write_json
+from addressed_dynamics.base.files import atomic_path, write_json, write_rows
 from addressed_dynamics.base.params.training import BlendedTraining
 from addressed_dynamics.features.common.samples import Samples
 from addressed_dynamics.features.common.training_data import TrainingData
@@ -20,7 +20,7 @@ from addressed_dynamics.training.ensemble import evaluate_profiles, train_ensemb
 from addressed_dynamics.training.epochs import Epoch, updates_per_epoch
 from addressed_dynamics.training.estimates import seconds_per_update
 from addressed_dynamics.training.losses import reported_loss
-from pipeline.stage import checkpoints_dir, figures_dir, models_dir, write_curves
+from pipeline.stage import checkpoints_dir, figures_dir, models_dir
 from pipeline.trainings import (
     Stage,
     TrackedJob,
@@ -37,8 +37,8 @@ MODES = {"phase_functioned": "phase", "learned_blend": "blend"}
 
 def train_baselines(
     stage: Stage, plan: Mapping[str, Baseline], data: Mapping[str, TrainingData[Any]], seeds: tuple[int, ...]
-) -> None:
-    """Train all baselines and write their folder `baselines`, metrics and curves.
+) -> dict[str, dict[str, float]]:
+    """Train all baselines and write their folder `baselines`, metrics and curves; return the metrics.
 
     Args:
         stage: what is run.
@@ -82,9 +82,10 @@ def train_baselines(
         pairs = [key for key in keys if key not in compared]
         write_json(folder / "baselines.json", {"format": 1, "trained": compared, "pair": pairs})
     write_json(figures_dir(experiment, "baselines") / "baselines.json", {key: results[key] for key in compared})
-    write_curves(figures_dir(experiment, "baselines") / "baselines.csv", rows)
+    write_rows(figures_dir(experiment, "baselines") / "baselines.csv", rows)
     remove_checkpoints(jobs)
     remove_checkpoints(addressing_jobs)
+    return results
 
 
 def _settings(baseline: Baseline) -> dict[str, Any]:

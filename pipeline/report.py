@@ -9,8 +9,8 @@ from addressed_dynamics.reporting.common.written import Subject
 from pipeline.stage import Call, evaluation_dir, figures_dir, models_dir, reports_dir, run_stage
 
 
-def main(call: Call) -> None:
-    """Report on an experiment."""
+def main(call: Call) -> str:
+    """Report on an experiment; return its verdict."""
     experiment, target, models = call.experiment, reports_dir(call.experiment), models_dir(call.experiment)
     params = load_experiment(call.params_file, experiment, call.kind)
     subject = Subject(
@@ -26,6 +26,7 @@ def main(call: Call) -> None:
         if written.model is not None:
             model, example = written.model
             run.log_model(model, example, experiment)
+    return f"{written.verdict} {target / 'report.html'}"
 
 
 if __name__ == "__main__":

@@ -1,20 +1,19 @@
 """What all stages share: where data lies, how a stage is called, and how it ends when something is wrong."""
 
 import argparse
-import csv
 import os
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import median
 from types import FrameType
 from typing import Any, NoReturn
 
 from tqdm import tqdm
 
 from addressed_dynamics.base.errors import AddressedDynamicsError, ParamsError
-from addressed_dynamics.base.files import atomic_path
 from addressed_dynamics.base.params.experiments import replaced_keys
 
 DATA = Path("data")
@@ -96,17 +95,24 @@ def say(line: str) -> None:
     print(line, file=sys.stderr)
 
 
+def counted(rows: Mapping[str, Mapping[str, int]]) -> str:
+    """Return how much each split has, in words: the largest of its counts, which is that of its rows."""
+    return ", ".join(f"{max(counts.values()):,} for {split}" for split, counts in rows.items())
+
+
+def first_of(figures: Mapping[str, float], number: int = 3) -> str:
+    """Return the first figures of a summary in words."""
+    return ", ".join(f"{name.replace('_', ' ')} {value:.4g}" for name, value in [*figures.items()][:number])
+
+
+def median_of(results: Mapping[str, Mapping[str, Any]], name: str) -> str:
+    """Return a metric of some trainings in words: its median, if there are several."""
+    values = [each[name] for each in results.values() if name in each]
+    return f"{median(values):.3g}{f' (median of {len(values)})' if len(values) > 1 else ''}"
+
+
 class _Terminated(BaseException):
     """SIGTERM, as an exception that cleans up on its way, like Ctrl-C."""
-
-
-def write_curves(path: Path, rows: list[dict[str, Any]]) -> None:
-    """Write rows of curves as CSV; a column is empty where a row does not have it."""
-    columns = dict.fromkeys(key for row in rows for key in row)
-    with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, fieldnames=list(columns), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
 
 
 @dataclass(frozen=True)
@@ -123,8 +129,8 @@ class Call:
     """What the stage reads that is not made by a training: raw data, or what is to be imported."""
 
 
-def run_stage(main: Callable[[Call], None]) -> NoReturn:
-    """Call `main` with the options of the command line, then exit.
+def run_stage(main: Callable[[Call], str | None]) -> NoReturn:
+    """Call `main` with the options of the command line, say the line that it returns, then exit.
 
     The status is 0 if all went well, 1 after a project error or an error of the system (a full disk), 130 after Ctrl-C
     and 143 after SIGTERM; then stderr ends in one line that says what happened. Any other exception is a bug and shows
@@ -140,7 +146,8 @@ def run_stage(main: Callable[[Call], None]) -> NoReturn:
 
     def stage() -> None:
         _say_what_is_replaced(call)
-        main(call)
+        if line := main(call):
+            say(f"{call.experiment}: {line}")
 
     _end_well(stage)
 

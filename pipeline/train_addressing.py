@@ -4,12 +4,12 @@ from addressed_dynamics.base.kinds import supplied
 from addressed_dynamics.base.params.experiments import load_experiment
 from addressed_dynamics.base.torch_runtime import prepare_torch
 from addressed_dynamics.networks.files import load_any_network
-from pipeline.stage import Call, run_stage, tables_dir, training_processes
+from pipeline.stage import Call, figures_dir, median_of, run_stage, tables_dir, training_processes
 from pipeline.trainings import Stage, train_addressings, trained_ensembles
 
 
-def main(call: Call) -> None:
-    """Train the addressing networks of an experiment."""
+def main(call: Call) -> str:
+    """Train the addressing networks of an experiment; return what came out."""
     sections, kind = load_experiment(call.params_file, call.experiment, call.kind), supplied("features", call.kind)
     prepare_torch(threads=1)
     ensembles = {seed: load_any_network(folder) for seed, folder in trained_ensembles(call.experiment).items()}
@@ -17,7 +17,9 @@ def main(call: Call) -> None:
     data = kind.load_training_data(tables_dir(call.experiment), sections, features)
     recipe = {name: getattr(sections, name).model_dump(mode="json") for name in ("features", "addressing")}
     stage = Stage("train_addressing", call.experiment, call.params_file, training_processes())
-    train_addressings(stage, data, ensembles, sections.addressing, recipe)
+    results = train_addressings(stage, data, ensembles, sections.addressing, recipe)
+    share = median_of(results, "agreement")
+    return f"the best network is chosen in {share} of the cases; {figures_dir(call.experiment, 'addressing')}"
 
 
 if __name__ == "__main__":

@@ -12,8 +12,8 @@ from pipeline.stage import Call, run_stage, tables_dir, training_processes
 from pipeline.trainings import Stage
 
 
-def main(call: Call) -> None:
-    """Train the baselines of an experiment."""
+def main(call: Call) -> str:
+    """Train the baselines of an experiment; return what came out."""
     kind, tables = supplied("features", call.kind), tables_dir(call.experiment)
     chosen, other = load_recipes(call.params_file, call.experiment, call.kind)
     prepare_torch(threads=1)
@@ -28,7 +28,8 @@ def main(call: Call) -> None:
         for name, each in plan.items()
     }
     stage = Stage("train_baselines", call.experiment, call.params_file, training_processes())
-    train_baselines(stage, plan, own, chosen.baselines.seeds)
+    results = train_baselines(stage, plan, own, chosen.baselines.seeds)
+    return f"{len(results)} baselines are trained: {', '.join(results)}; data/figures/{call.experiment}/baselines"
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from addressed_dynamics import tracking
-from addressed_dynamics.base.files import atomic_path, write_json
+from addressed_dynamics.base.files import atomic_path, write_json, write_rows
 from addressed_dynamics.base.params.training import AddressingParams, AddressingTraining, EnsembleParams
 from addressed_dynamics.features.common.samples import Samples, fingerprint
 from addressed_dynamics.features.common.training_data import Features, TrainingData
@@ -24,7 +24,7 @@ from addressed_dynamics.training.epochs import Epoch, updates_per_epoch
 from addressed_dynamics.training.estimates import all_done, in_words, seconds_per_update
 from addressed_dynamics.training.jobs import Job, run_jobs
 from addressed_dynamics.training.losses import reported_loss
-from pipeline.stage import checkpoints_dir, figures_dir, models_dir, progress, say, tables_dir, write_curves
+from pipeline.stage import checkpoints_dir, figures_dir, models_dir, progress, say, tables_dir
 
 
 @dataclass(frozen=True)
@@ -114,8 +114,8 @@ def remove_checkpoints(jobs: Mapping[str, TrackedJob]) -> None:
 
 def train_ensembles(
     stage: Stage, data: TrainingData[Features], params: EnsembleParams, recipe: Mapping[str, Any]
-) -> None:
-    """Train the ensembles of an experiment and write its folder `ensemble`, metrics and curves.
+) -> dict[str, dict[str, float]]:
+    """Train the ensembles of an experiment and write its folder `ensemble`, metrics and curves; return the metrics.
 
     Args:
         stage: what is run.
@@ -150,8 +150,9 @@ def train_ensembles(
         rows = train_tracked(stage, jobs, finish)
         write_json(folder / "ensemble.json", {"format": 1, "seeds": list(params.seeds)})
     write_json(figures_dir(experiment, "ensemble") / "ensemble.json", {name: results[name] for name in jobs})
-    write_curves(figures_dir(experiment, "ensemble") / "ensemble.csv", rows)
+    write_rows(figures_dir(experiment, "ensemble") / "ensemble.csv", rows)
     remove_checkpoints(jobs)
+    return results
 
 
 def ensemble_seconds(data: TrainingData[Features], params: EnsembleParams) -> float:
@@ -179,7 +180,7 @@ def train_addressings(
     ensembles: Mapping[int, SavedNetwork[Features]],
     params: AddressingParams,
     recipe: Mapping[str, Any],
-) -> None:
+) -> dict[str, dict[str, Any]]:
     """Train the addressing networks of an experiment and write its folder `addressing`, metrics and curves.
 
     Args:
@@ -188,6 +189,9 @@ def train_addressings(
         ensembles: by seed, what they address.
         params: how they are trained.
         recipe: all sections that the training depends on beside the ensemble, JSON-compatible.
+
+    Returns:
+        The metrics of each.
     """
     experiment, members = stage.experiment, next(iter(ensembles.values())).stack.members
     seconds = addressing_seconds(data, members, params)
@@ -231,8 +235,9 @@ def train_addressings(
         write_json(folder / "addressing.json", index)
     report = {"delivered": delivered, "validation": {name: results[name] for name in jobs}}
     write_json(figures_dir(experiment, "addressing") / "addressing.json", report)
-    write_curves(figures_dir(experiment, "addressing") / "addressing.csv", rows)
+    write_rows(figures_dir(experiment, "addressing") / "addressing.csv", rows)
     remove_checkpoints(jobs)
+    return results
 
 
 def deliver(seed: int, choice: str, variants: tuple[str, ...], results: Mapping[str, Mapping[str, Any]]) -> str:

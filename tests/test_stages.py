@@ -19,7 +19,7 @@ from addressed_dynamics.episodes.parquet import load_transitions
 from addressed_dynamics.sources.motion.splits import MOTION_SPLITS
 from addressed_dynamics.sources.motion.tables import read_columns
 from pipeline import convert, record
-from pipeline.stage import Call, available_cores, run_stage, training_processes
+from pipeline.stage import Call, available_cores, counted, first_of, median_of, run_stage, training_processes
 
 ROOT = Path(__file__).parents[1]
 ENVIRONMENT = os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'src'}"}
@@ -111,7 +111,7 @@ def test_a_stage_does_not_import_what_it_does_not_use(name: str, forbidden: list
     assert done.returncode == 0, done.stderr
 
 
-def call(monkeypatch: pytest.MonkeyPatch, main: Callable[[Call], None], *more: str) -> int | str | None:
+def call(monkeypatch: pytest.MonkeyPatch, main: Callable[[Call], str | None], *more: str) -> int | str | None:
     """Run `main` as a stage in this process, with `more` options, and return its status."""
     monkeypatch.setattr(sys, "argv", ["stage", "car", "--params", "some.yaml", *more])
     previous = signal.getsignal(signal.SIGTERM)
@@ -313,3 +313,18 @@ def test_all_baselines_of_motion_are_trained_again_to_the_same_bytes(tmp_path: P
     assert folders == {"phase_functioned", "learned_blend", "total_parameters", "same_size", "paper_recipe"}
     assert {"figures/baselines/baselines.json", "figures/baselines/baselines.csv"} <= set(first)
     assert not [path for path in (tmp_path / ".checkpoints").rglob("*") if path.is_file()]
+
+
+@pytest.mark.usefixtures("somewhere")
+def test_a_stage_ends_in_a_line_that_says_what_came_out(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert call(monkeypatch, lambda _: "3 logs are in data/raw/car") == 0
+    assert capsys.readouterr().err == "car: 3 logs are in data/raw/car\n"
+
+
+def test_results_are_said_in_words() -> None:
+    assert counted({"train": {"clips": 2, "rows": 4070}, "test": {"rows": 91}}) == "4,070 for train, 91 for test"
+    assert first_of({"one_step": 1.0, "two": 0.123456, "three": 3.0, "four": 4.0}, 2) == "one step 1, two 0.1235"
+    assert median_of({"a": {"loss": 0.5}}, "loss") == "0.5"
+    assert median_of({"a": {"loss": 0.5}, "b": {"loss": 1.5}, "c": {}}, "loss") == "1 (median of 2)"

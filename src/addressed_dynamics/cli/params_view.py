@@ -38,8 +38,9 @@ def _section(section: BaseModel, indent: str) -> Iterator[str]:
 
 def _meaning(section: type[BaseModel], name: str) -> str:
     """Return what a key means; a section with other defaults leaves that to the one that it is made from."""
-    fields = [parent.model_fields[name] for parent in section.mro() if name in getattr(parent, "model_fields", {})]
-    return next((field.description for field in fields if field.description), "")
+    sections = [parent for parent in section.mro() if issubclass(parent, BaseModel) and name in parent.model_fields]
+    meanings = [parent.model_fields[name].description for parent in sections]
+    return next((meaning for meaning in meanings if meaning), "")
 
 
 def _entry(name: str, value: Any, indent: str) -> Iterator[str]:

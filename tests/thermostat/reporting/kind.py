@@ -15,4 +15,4 @@ def write(subject: Subject, target: Path) -> Written:
     sections = tuple(Section(name, (Text((f"{value:.3g} degrees",)),)) for name, value in found.items())
     targets = Table("Targets.", (Column("what"),), ())
     write_report(Report(subject.params.title, subject.experiment, verdict, (), targets, sections), target)
-    return Written(found)
+    return Written(found, verdict)

@@ -2,10 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from addressed_dynamics.base.files import save_arrays, write_json, write_rows
 from addressed_dynamics.simulators.delivery import Delivered
 
 
@@ -25,3 +27,11 @@ class Evaluated:
     """The few figures that are in Git."""
     delivered: Delivered
     """The model that is delivered."""
+
+
+def write_evaluated(found: Evaluated, folder: Path) -> None:
+    """Write what an evaluation came to into an empty folder: numbers, arrays and curves."""
+    save_arrays(folder / "arrays.npz", dict(found.arrays))
+    for name, rows in found.curves.items():
+        write_rows(folder / f"{name}.csv", rows)
+    write_json(folder / "evaluation.json", found.report)

@@ -67,5 +67,7 @@ def _percent(squared: Mapping[str, float], scale: Mapping[str, float]) -> float:
 
 
 def _horizon(course: Sequence[tuple[int, float]], step_seconds: float) -> float | None:
+    if not course:
+        return None
     lost = [steps for steps, error in course if error >= LOST_PERCENT]
-    return (lost or [steps for steps, _ in course[-1:]] or [math.nan])[0] * step_seconds
+    return (lost[0] if lost else course[-1][0]) * step_seconds

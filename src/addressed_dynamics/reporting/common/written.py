@@ -37,5 +37,7 @@ class Written:
 
     headline: dict[str, float]
     """The figures that a table of runs should show."""
+    verdict: str
+    """The report in a sentence or two."""
     model: tuple[torch.nn.Module, np.ndarray] | None = None
     """The delivered model with an example of its input, if it can be kept without this package."""

@@ -38,6 +38,7 @@ def write(subject: Subject, target: Path) -> Written:
         paper=subject.params.paper is not None,
         experiment=subject.experiment,
     )
-    write_report(build_motion_report(results, origin), target)
+    report = build_motion_report(results, origin)
+    write_report(report, target)
     write_motion_scene(target / FIGURES / SCENE, results.evaluation, results.arrays)
-    return Written(motion_headline(results))
+    return Written(motion_headline(results), report.verdict)

@@ -40,9 +40,11 @@ def write(subject: Subject, target: Path) -> Written:
         experiment=subject.experiment,
     )
     paper = PAPER[subject.params.paper] if subject.params.paper else None
-    write_report(build_report(results, origin, paper), target)
+    report = build_report(results, origin, paper)
+    write_report(report, target)
     model = PortableDynamics(AddressedDynamics(ensemble.features, ensemble.stack, addressing.stack))
-    return Written(headline(results, paper), (model, _input_example(results.arrays, ensemble.features.history)))
+    example = _input_example(results.arrays, ensemble.features.history)
+    return Written(headline(results, paper), report.verdict, (model, example))
 
 
 def _input_example(arrays: Arrays, history: int) -> Float32[np.ndarray, "4 input"]:
