@@ -206,6 +206,8 @@ def test_a_recording_stopped_by_ctrl_c_fails_and_commits_nothing(tmp_path: Path)
         stderr=subprocess.STDOUT,
         text=True,
         start_new_session=True,
+        # A shell's background jobs ignore Ctrl-C, and so would what they start.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     ) as running:
         while running.poll() is None and not any(partial.glob("*.mcap")):  # the first shard is full
             time.sleep(0.05)
