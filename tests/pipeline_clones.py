@@ -1,12 +1,16 @@
 """Clones of this working tree with the tiny params, in which DVC runs the pipeline."""
 
+import atexit
 import os
 import re
 import shutil
 import subprocess
 import sys
+import tempfile
+from functools import cache
 from pathlib import Path
 
+import warm_python
 from stage_dependencies import ROOT
 
 KINDS = {"mountaincar": "transitions", "acrobot": "transitions", "pfnn": "motion"}
@@ -15,14 +19,25 @@ STAGES = ("record", "convert", "train_ensemble", "train_addressing", "train_base
 """The stages that each of them goes through."""
 
 
-def environment(clone: Path) -> dict[str, str]:
+@cache
+def programs() -> Path:
+    """A folder with a `python` whose big libraries are imported already, until these tests end."""
+    folder = Path(tempfile.mkdtemp(prefix="warm-python-"))
+    server = warm_python.start(folder)
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    atexit.register(server.wait)
+    atexit.register(server.terminate)
+    return folder / "bin"
+
+
+def environment(clone: Path, *, warm: bool = True) -> dict[str, str]:
     """The environment of a user of `clone`: its own sources, its own store, the interpreter that runs the tests."""
     names = {"DVC_ROOT", "DVC_EXP_NAME", "MLFLOW_TRACKING_URI"}
     kept = {name: value for name, value in os.environ.items() if name not in names}
-    path = f"{Path(sys.executable).parent}{os.pathsep}{kept.get('PATH', '')}"
+    folders = [*([str(programs())] if warm else []), str(Path(sys.executable).parent), kept.get("PATH", "")]
     return {
         **kept,
-        "PATH": path,
+        "PATH": os.pathsep.join(folders),
         "PYTHONPATH": str(clone / "src"),
         "DVC_NO_ANALYTICS": "true",
         "ADDRESSED_DYNAMICS_PROCESSES": "1",
@@ -32,7 +47,7 @@ def environment(clone: Path) -> dict[str, str]:
 def dvc(clone: Path, *arguments: str) -> str:
     """What a DVC command says, which has to succeed."""
     done = subprocess.run(
-        [sys.executable, "-m", "dvc", *arguments],
+        [programs() / "python", "-m", "dvc", *arguments],
         cwd=clone,
         env=environment(clone),
         stdout=subprocess.PIPE,

@@ -201,7 +201,7 @@ def test_a_recording_stopped_by_ctrl_c_fails_and_commits_nothing(tmp_path: Path)
     with subprocess.Popen(
         [sys.executable, "-m", "dvc", "repro", "record@mountaincar"],
         cwd=clone,
-        env=environment(clone),
+        env=environment(clone, warm=False),
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,

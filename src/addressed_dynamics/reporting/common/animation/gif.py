@@ -35,9 +35,9 @@ class Palette:
 
     def reduced(self, picture: Image.Image) -> Image.Image:
         """Return an oversampled picture at the size at which it is shown, in the nearest of these colours."""
-        rgb = np.asarray(picture.reduce(OVERSAMPLING)) // (256 // _LEVELS)
-        red, green, blue = (rgb[..., channel].astype(np.intp) for channel in range(3))
-        indexed = Image.fromarray(self._nearest[(red * _LEVELS + green) * _LEVELS + blue], mode="P")
+        level = (np.asarray(picture.reduce(OVERSAMPLING)) // (256 // _LEVELS)).astype(np.uint16)
+        cell = (level[..., 0] * _LEVELS + level[..., 1]) * _LEVELS + level[..., 2]
+        indexed = Image.fromarray(self._nearest.take(cell), mode="P")
         indexed.putpalette(self._colours.tobytes())
         return indexed
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -13,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Canvas
 from matplotlib.image import imsave
-from matplotlib.ticker import NullLocator
+from matplotlib.ticker import FuncFormatter, LogFormatter, NullFormatter, NullLocator
 
 from addressed_dynamics.reporting.common.blocks import Panel
 
@@ -42,6 +43,7 @@ THIRD = (3.1, 2.7)
 ERROR_FLOOR = 1e-16
 """Errors below it are drawn at it: a logarithm needs a positive number."""
 
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _CSS_DPI = 100
 _PIXEL_RATIO = 2
 _RC = {
@@ -97,12 +99,31 @@ def picture(
         canvas = Canvas(figsize=size, dpi=_CSS_DPI * _PIXEL_RATIO)
         agg = FigureCanvasAgg(canvas)
         draw(canvas)
+        for axes in canvas.axes:
+            _label_plainly(axes)
         agg.draw()
         buffer = io.BytesIO()
         # `savefig` would lay out and draw everything twice. By default the file names matplotlib's version.
         imsave(buffer, np.asarray(agg.buffer_rgba())[..., :3], format="png", metadata={"Software": None})  # type: ignore[dict-item]
     width, height = (round(side * _CSS_DPI) for side in size)
     return Panel(name, alternative, buffer.getvalue(), width, height)
+
+
+def _label_plainly(axes: Axes) -> None:
+    """Write powers of ten as text: matplotlib sets them as formulas, which takes a fifth of a report's time."""
+    for axis in (axes.xaxis, axes.yaxis):
+        if isinstance(axis.get_major_formatter(), LogFormatter):
+            axis.set_major_formatter(FuncFormatter(_power_of_ten))
+        if isinstance(axis.get_minor_formatter(), LogFormatter):
+            axis.set_minor_formatter(NullFormatter())
+
+
+def _power_of_ten(value: float, _position: int | None) -> str:
+    """Return a label such as 10⁻⁶; nothing for what is no power of ten."""
+    exponent = round(math.log10(value)) if value > 0 else None
+    if exponent is None or not math.isclose(value, 10.0**exponent):
+        return ""
+    return f"10{str(exponent).translate(_SUPERSCRIPT)}"
 
 
 def member_colour(member: int) -> str:
