@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -149,7 +149,8 @@ def train_ensembles(
 
         rows = train_tracked(stage, jobs, finish)
         write_json(folder / "ensemble.json", {"format": 1, "seeds": list(params.seeds)})
-    write_json(figures_dir(experiment, "ensemble") / "ensemble.json", {name: results[name] for name in jobs})
+    dropped = {"dropped": {split: asdict(each) for split, each in data.dropped.items()}}
+    write_json(figures_dir(experiment, "ensemble") / "ensemble.json", {name: results[name] for name in jobs} | dropped)
     write_curves(figures_dir(experiment, "ensemble") / "ensemble.csv", rows)
     remove_checkpoints(jobs)
 

@@ -22,6 +22,7 @@ from addressed_dynamics.evaluation.transitions.points import Points
 from addressed_dynamics.evaluation.transitions.rollouts import evaluate_rollouts, free_run, roll_out, summarise_rollouts
 from addressed_dynamics.evaluation.transitions.suite import figure_arrays
 from addressed_dynamics.evaluation.transitions.truth import TrueRollouts, replay_recorded, true_rollouts
+from addressed_dynamics.features.common.samples import Dropped
 from addressed_dynamics.simulators.addressed import AddressedDynamics
 from addressed_dynamics.sources.transitions.params import EnvironmentRollouts, RecordedRollouts
 
@@ -138,6 +139,8 @@ def test_a_segment_without_a_long_episode_is_named_and_the_others_keep_their_len
     assert truth.steps == 50
     assert list(truth.groups) == ["all"]
     assert truth.too_short == {"a": 54, "b": 50}
+    assert truth.dropped == Dropped(3, 54 + 30 + 50)
+    assert truth.select([0]).dropped == truth.dropped
 
 
 def test_all_stretches_become_shorter_only_if_no_episode_is_long_enough() -> None:

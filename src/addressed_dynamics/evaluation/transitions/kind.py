@@ -27,6 +27,7 @@ from addressed_dynamics.evaluation.transitions.suite import (
     evaluate_other_recipe,
     evaluate_specialisation,
     figure_arrays,
+    held_out,
     pair_arrays,
 )
 from addressed_dynamics.evaluation.transitions.summary import summarise
@@ -61,7 +62,7 @@ def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int
     other = load_other_recipe(models / "baselines", candidates)
     report = {
         "loss": loss,
-        "test": {"transitions": len(points["test"]), "episodes": len(set(points["test"].episode.tolist()))},
+        "test": held_out(points["test"]),
         "rollouts": rollouts,
         "delivered": {"seed": first, "variant": delivered[first]},
         "seeds": {

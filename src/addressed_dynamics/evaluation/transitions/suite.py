@@ -1,6 +1,7 @@
 """The whole evaluation of an experiment: numbers for the report's tables, arrays for its figures."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from addressed_dynamics.evaluation.transitions.one_step import (
 from addressed_dynamics.evaluation.transitions.points import Points
 from addressed_dynamics.evaluation.transitions.rollouts import evaluate_rollouts, evaluate_simulations
 from addressed_dynamics.evaluation.transitions.truth import TrueRollouts
+from addressed_dynamics.features.transitions.windows import shorter_episodes
 from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.simulators.addressed import AddressedDynamics
 from addressed_dynamics.sources.transitions.params import EnvironmentRollouts, RecordedRollouts
@@ -51,6 +53,15 @@ def evaluate_other_recipe(other: OtherRecipe, points: Mapping[Split, Points]) ->
         "name": other.name,
         "recipe": {name: section.model_dump(mode="json") for name, section in sections.items()},
         "specialisation": {split: evaluate_specialisation(other.model, part, loss) for split, part in points.items()},
+    }
+
+
+def held_out(points: Points) -> dict[str, Any]:
+    """Return the size of what is predicted one step ahead, and of what is not, for want of frames."""
+    return {
+        "transitions": len(points),
+        "episodes": len(set(points.episode.tolist())),
+        "dropped": asdict(shorter_episodes(points.transitions, points.features.history)),
     }
 
 
@@ -138,6 +149,7 @@ def evaluate_candidates(
         "steps": truth.steps,
         "steps_wanted": rollouts.steps,
         "too_short": dict(truth.too_short),
+        "dropped": asdict(truth.dropped),
         "physics": physics,
     }
     return results, source, horizon

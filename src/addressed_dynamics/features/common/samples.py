@@ -11,6 +11,16 @@ from addressed_dynamics.base.errors import TransitionsError
 
 
 @dataclass(frozen=True)
+class Dropped:
+    """What of the data is left out, because its episodes are too short for what they are to be used for."""
+
+    episodes: int = 0
+    """Number of episodes."""
+    rows: int = 0
+    """Number of their rows."""
+
+
+@dataclass(frozen=True)
 class Samples:
     """Inputs and targets of a network, normalised, float32, one row a sample. Validated on construction."""
 
