@@ -13,7 +13,7 @@ from torch import Tensor
 from addressed_dynamics import tracking
 from addressed_dynamics.base.files import atomic_path, write_json
 from addressed_dynamics.base.params.training import AddressingParams, AddressingTraining, EnsembleParams
-from addressed_dynamics.features.common.samples import Samples, fingerprint
+from addressed_dynamics.features.common.samples import Samples, Windows, fingerprint
 from addressed_dynamics.features.common.training_data import Features, TrainingData
 from addressed_dynamics.networks.files import SavedNetwork, read_index, save_network
 from addressed_dynamics.tracking import Run
@@ -48,7 +48,7 @@ def resumable(
     title: str,
     params: Mapping[str, Any],
     folder: Path,
-    *tensors: Tensor,
+    *tensors: Tensor | Windows,
     seconds: float = 0.0,
 ) -> TrackedJob:
     """Return `training` with a checkpoint in `folder` that belongs to its title, its params and these data alone."""

@@ -7,7 +7,7 @@ from typing import Any, Generic, Protocol, TypeVar
 from torch import Tensor
 
 from addressed_dynamics.features.common.augmentation import Augment
-from addressed_dynamics.features.common.samples import Dropped, Samples
+from addressed_dynamics.features.common.samples import Dropped, Samples, Windows
 
 
 class AnyFeatures(Protocol):
@@ -53,6 +53,6 @@ class TrainingData(Generic[Features]):
     """What no sample is of, for want of frames, by split; empty where a sample is of one frame by its kind."""
 
     @property
-    def tensors(self) -> tuple[Tensor, ...]:
+    def tensors(self) -> tuple[Tensor | Windows, ...]:
         """Everything a training may see."""
         return self.train.x, self.train.y, self.validation.x, self.validation.y

@@ -17,9 +17,9 @@ from torch import Tensor
 from addressed_dynamics.base.errors import ModelError, TransitionsError
 from addressed_dynamics.episodes.bounds import meant_bounds
 from addressed_dynamics.episodes.transitions import DiscreteAction, SpaceSpec, Transitions
-from addressed_dynamics.features.common.samples import Samples
+from addressed_dynamics.features.common.samples import Samples, Windows
 from addressed_dynamics.features.transitions.angles import velocity_from_angles, weighted_angle
-from addressed_dynamics.features.transitions.windows import check_lengths, window_rows, windows
+from addressed_dynamics.features.transitions.windows import check_lengths, window_rows
 from addressed_dynamics.sources.transitions.params import AngleParams, FeatureParams
 
 DEVIATION_FLOOR = 1e-6
@@ -187,7 +187,7 @@ class FeatureSpec:
         rows = torch.from_numpy(window_rows(transitions, self.history))
         frames = self._frames(observation, action)
         return Samples(
-            x=self.join(windows(frames, rows, self.history)),
+            x=frames[rows] if self.history == 1 else Windows(frames.contiguous(), rows, self._frame_weights),
             y=self.encode_target(observation[rows], torch.from_numpy(transitions.next_observation)[rows]),
             episode=torch.from_numpy(transitions.episode)[rows],
             step=torch.from_numpy(transitions.step.astype(np.int64))[rows],
