@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from torch import Tensor
 from addressed_dynamics import tracking
 from addressed_dynamics.base.files import atomic_path, write_json, write_rows
 from addressed_dynamics.base.params.training import AddressingParams, AddressingTraining, EnsembleParams
-from addressed_dynamics.features.common.samples import Samples, fingerprint
+from addressed_dynamics.features.common.samples import Samples, Windows, fingerprint
 from addressed_dynamics.features.common.training_data import Features, TrainingData
 from addressed_dynamics.networks.files import SavedNetwork, read_index, save_network
 from addressed_dynamics.tracking import Run
@@ -48,7 +48,7 @@ def resumable(
     title: str,
     params: Mapping[str, Any],
     folder: Path,
-    *tensors: Tensor,
+    *tensors: Tensor | Windows,
     seconds: float = 0.0,
 ) -> TrackedJob:
     """Return `training` with a checkpoint in `folder` that belongs to its title, its params and these data alone."""
@@ -149,7 +149,8 @@ def train_ensembles(
 
         rows = train_tracked(stage, jobs, finish)
         write_json(folder / "ensemble.json", {"format": 1, "seeds": list(params.seeds)})
-    write_json(figures_dir(experiment, "ensemble") / "ensemble.json", {name: results[name] for name in jobs})
+    dropped = {"dropped": {split: asdict(each) for split, each in data.dropped.items()}}
+    write_json(figures_dir(experiment, "ensemble") / "ensemble.json", {name: results[name] for name in jobs} | dropped)
     write_rows(figures_dir(experiment, "ensemble") / "ensemble.csv", rows)
     remove_checkpoints(jobs)
     return results

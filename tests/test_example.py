@@ -101,7 +101,10 @@ def test_logs_in_three_encodings_go_all_the_way_to_a_report(tmp_path: Path) -> N
     assert abs(transitions.observation[:, 0]).max() < 1.7
     reports = tmp_path / "data" / "reports" / "pendulum"
     evaluation = json.loads((tmp_path / "data" / "evaluation" / "pendulum" / "evaluation.json").read_text())
-    source = {"kind": "recorded", "steps": 30, "steps_wanted": 30, "too_short": {}, "physics": None}
+    none = {"episodes": 0, "rows": 0}
+    source = {
+        "kind": "recorded", "steps": 30, "steps_wanted": 30, "too_short": {}, "dropped": none, "physics": None,
+    }  # fmt: skip
     assert evaluation["rollouts"] == source
     assert set(evaluation["candidates"]["ensemble/argmax"]["rollouts"]["groups"]["all"]["mse"]) == {"angle", "speed"}
     report = (reports / "report.html").read_text(encoding="utf-8")

@@ -215,7 +215,7 @@ class AddressedDynamics:
     def probabilities(self, observation: Values, action: Values) -> Float[Tensor, "sample member"]:
         """Return the softmax of the addressing network's outputs; the member with the highest is selected."""
         states, actions, _ = self._batch(observation, action)
-        return self._probabilities(self.features.encode(states, actions))
+        return self.probabilities_of(self.features.encode(states, actions))
 
     def __repr__(self) -> str:
         addressing = "no addressing" if self.addressing is None else f"addressing {self.addressing.widths}"
@@ -250,22 +250,47 @@ class AddressedDynamics:
         self, observation: Tensor, action: Tensor, mode: Mode, generator: torch.Generator | None
     ) -> Float[Tensor, "sample observation"]:
         x = self.features.encode(observation, action)
-        probabilities = self._probabilities(x)
-        match mode:
-            case "argmax":
-                output = self.ensemble.forward_routed(x, probabilities.argmax(dim=1))
-            case "sample":
-                member = torch.multinomial(probabilities, 1, generator=generator).squeeze(1)
-                output = self.ensemble.forward_routed(x, member)
-            case "mixture":
-                output = (probabilities.T.unsqueeze(-1) * self.ensemble(x)).sum(dim=0)
-            case "blend":
-                output = self.ensemble.forward_blended(x, probabilities)
-            case _:
-                raise _no_mode(mode)
+        output = self.combined(x, self.probabilities_of(x), mode, generator=generator)
         return self.decode(output, observation)
 
-    def _probabilities(self, x: Float[Tensor, "sample input"]) -> Float[Tensor, "sample member"]:
+    @torch.no_grad()
+    def combined(
+        self,
+        x: Float[Tensor, "sample input"],
+        probabilities: Float[Tensor, "sample member"],
+        mode: Mode,
+        *,
+        outputs: Float[Tensor, "member sample output"] | None = None,
+        generator: torch.Generator | None = None,
+    ) -> Float[Tensor, "sample output"]:
+        """Return the output that a mode makes of the members, normalised as `member_outputs` is.
+
+        Args:
+            x: inputs, as `features.encode` returns them.
+            probabilities: what `probabilities_of` says of them.
+            mode: as in `predict`.
+            outputs: those of all members, if they are known.
+            generator: as in `predict`.
+
+        Raises:
+            ModelError: there is no such mode.
+        """
+        match mode:
+            case "argmax":
+                return self.ensemble.forward_routed(x, probabilities.argmax(dim=1))
+            case "sample":
+                member = torch.multinomial(probabilities, 1, generator=generator).squeeze(1)
+                return self.ensemble.forward_routed(x, member)
+            case "mixture":
+                return (probabilities.T.unsqueeze(-1) * (self.ensemble(x) if outputs is None else outputs)).sum(dim=0)
+            case "blend":
+                return self.ensemble.forward_blended(x, probabilities)
+            case _:
+                raise _no_mode(mode)
+
+    @torch.no_grad()
+    def probabilities_of(self, x: Float[Tensor, "sample input"]) -> Float[Tensor, "sample member"]:
+        """Return the same as `probabilities`, for inputs as `features.encode` returns them."""
         if self.addressing is None:
             return torch.ones(len(x), 1)
         return torch.softmax(addressing_scores(self.addressing, x), dim=1)

@@ -127,14 +127,14 @@ def resample(weights: Float[Tensor, " sample"], generator: torch.Generator) -> I
 
 def choose(network: StackedMLP, samples: Samples) -> Int64[Tensor, " sample"]:
     """Return the member that the addressing network picks for each sample."""
-    return in_chunks(lambda x: addressing_scores(network, x).argmax(dim=1), samples.x, sample_dim=0)
+    return _scores(network, samples).argmax(dim=1)
 
 
 def addressing_metrics(
     network: StackedMLP, samples: Samples, profiles: Float[Tensor, "sample member"]
 ) -> dict[str, float]:
     """Return cross-entropy and agreement with the best member, regret and loss of the addressing network's choices."""
-    scores = in_chunks(lambda x: addressing_scores(network, x), samples.x, sample_dim=0)
+    scores = _scores(network, samples)
     chosen = scores.argmax(dim=1)
     selected = profiles.gather(1, chosen.unsqueeze(1)).squeeze(1).double()
     lowest, best = profiles.min(dim=1)
@@ -155,3 +155,8 @@ def confusion_matrix(
     members = profiles.shape[1]
     flat = profiles.argmin(dim=1) * members + choose(network, samples)
     return [list(map(int, row)) for row in torch.bincount(flat, minlength=members**2).view(members, members)]
+
+
+def _scores(network: StackedMLP, samples: Samples) -> Float[Tensor, "sample member"]:
+    everything = torch.arange(len(samples))
+    return in_chunks(lambda rows: addressing_scores(network, samples.x[rows]), everything, sample_dim=0)

@@ -119,7 +119,8 @@ def untrained_ensemble(inputs: int, outputs: int, params: EnsembleParams, *, see
 
 def evaluate_profiles(stack: StackedMLP, samples: Samples, loss: str) -> Float[Tensor, "sample member"]:
     """Return the loss profile of every sample, in the unit of the normalised targets."""
-    outputs = in_chunks(stack.forward_all, samples.x, sample_dim=1)
+    everything = torch.arange(len(samples))
+    outputs = in_chunks(lambda rows: stack.forward_all(samples.x[rows]), everything, sample_dim=1)
     return loss_profile(outputs, samples.y, loss)
 
 

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +17,15 @@ from moving_fakes import failing, lively, steady
 
 from addressed_dynamics.base.errors import EvaluationError
 from addressed_dynamics.base.files import save_arrays
+from addressed_dynamics.base.processes import OrderedMap
 from addressed_dynamics.episodes.layout import JOINTS, OUTPUT
 from addressed_dynamics.episodes.motion import Motion
+from addressed_dynamics.evaluation.motion import suite
 from addressed_dynamics.evaluation.motion.baselines import mean_outputs
 from addressed_dynamics.evaluation.motion.candidates import MotionCandidate, reference_candidates
-from addressed_dynamics.evaluation.motion.closed_loop.commands import Segment, script
-from addressed_dynamics.evaluation.motion.closed_loop.run import start_pose
+from addressed_dynamics.evaluation.motion.closed_loop.commands import Script, Segment, script
+from addressed_dynamics.evaluation.motion.closed_loop.controller import Pose
+from addressed_dynamics.evaluation.motion.closed_loop.run import Trace, start_pose
 from addressed_dynamics.evaluation.motion.one_step import CHUNK_ROWS
 from addressed_dynamics.evaluation.motion.predictor import MotionPredictor
 from addressed_dynamics.evaluation.motion.suite import (
@@ -127,6 +131,28 @@ def test_equal_models_get_equal_scores_whatever_stands_beside_them(
         assert together[0]["score"] == pytest.approx(together[1]["score"], abs=1e-6)
         own = alone["candidates"][f"ensemble/{mode}/seed-1"]["closed_loop"]
         assert own["validation_score"] == pytest.approx(together[0]["validation_score"], abs=1e-3)
+
+
+def test_closed_loops_run_by_networks_and_all_in_one_pool(monkeypatch: pytest.MonkeyPatch) -> None:
+    pools, loops = list[int](), list[list[str]]()
+    original, pool = suite.closed_loop, suite.worker_processes
+
+    def loop(predictors: dict[str, MotionPredictor], scripts: Sequence[Script], start: Pose) -> dict[str, Trace]:
+        loops.append(list(predictors))
+        return original(predictors, scripts, start)
+
+    def processes(count: int) -> AbstractContextManager[OrderedMap]:
+        pools.append(count)
+        return pool(1)
+
+    monkeypatch.setattr(suite, "closed_loop", loop)
+    monkeypatch.setattr(suite, "worker_processes", processes)
+    single = candidate("same_size", 0, steady(POSE, forward=1.0))
+    references = [candidate(name, None, steady(POSE)) for name in ("mean", "persistence")]
+    evaluate_motion([*ensemble(0), *ensemble(1), single, *references], DATA, PLAN, cores=64)
+    networks = [[each.name for each in ensemble(seed)] for seed in (0, 1)] + [["same_size/seed-0"]]
+    assert loops == [*networks, ["mean", "persistence"], *networks]
+    assert pools == [len(loops)]
 
 
 def test_the_mode_is_chosen_by_the_validation_scripts_not_by_the_test() -> None:

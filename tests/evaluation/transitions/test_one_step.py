@@ -11,18 +11,18 @@ from learning import drive, untrained_model
 
 from addressed_dynamics.base.errors import EvaluationError
 from addressed_dynamics.episodes.transitions import COLUMNS, Transitions
-from addressed_dynamics.evaluation.transitions.candidates import MEAN, ensemble_candidates
+from addressed_dynamics.evaluation.transitions.candidates import MEAN, ensemble_candidates, predictor_of
 from addressed_dynamics.evaluation.transitions.one_step import errors_per_dimension, predict_all, scaled_losses
 from addressed_dynamics.evaluation.transitions.points import Points
 from addressed_dynamics.evaluation.transitions.suite import (
-    chosen_members,
     evaluate_addressing,
     evaluate_candidate,
     evaluate_oracle,
-    member_losses,
+    evaluate_specialisation,
 )
 from addressed_dynamics.features.transitions.spec import fit_features
-from addressed_dynamics.simulators.modes import MODES
+from addressed_dynamics.networks.stacked import StackedMLP
+from addressed_dynamics.simulators.modes import MODES, Mode
 from addressed_dynamics.sources.transitions.params import AngleParams, FeatureParams
 
 WORLD = drive((30, 20, 25))
@@ -44,7 +44,7 @@ def at_angles(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("loss", ["mse", "mae"])
 def test_losses_are_of_states_scaled_to_one(loss: str) -> None:
-    predicted = predict_all(MODEL.predict, POINTS)
+    predicted = predict_all(predictor_of(MODEL, "argmax"), POINTS)
     error = (predicted.double().numpy() - WORLD.next_observation) / np.array([1.8, 0.14])
     expected = (error**2 if loss == "mse" else np.abs(error)).mean(axis=1)
     np.testing.assert_allclose(scaled_losses(predicted, POINTS, loss), expected, rtol=1e-9)
@@ -107,14 +107,14 @@ def test_predictions_of_frames_in_blocks_are_those_of_the_frames_at_once() -> No
     model = untrained_model(WORLD, history=3)
     points = Points.of(WORLD, model.features)
     at_once = model.predict(*points.inputs(torch.arange(len(points))))
-    torch.testing.assert_close(predict_all(model.predict, points), at_once)
+    torch.testing.assert_close(predict_all(predictor_of(model, "argmax"), points), at_once)
     short = Points.of(drive((2, 2)), model.features)
     with pytest.raises(EvaluationError, match="no test episodes of at least 3 steps"):
-        predict_all(model.predict, short)
+        predict_all(predictor_of(model, "argmax"), short)
 
 
 def test_predicting_in_blocks_gives_what_predicting_at_once_gives() -> None:
-    predicted = predict_all(MODEL.predict, POINTS)
+    predicted = predict_all(predictor_of(MODEL, "argmax"), POINTS)
     at_once = MODEL.predict(torch.from_numpy(WORLD.observation), torch.from_numpy(WORLD.action))
     torch.testing.assert_close(predicted, at_once)
 
@@ -122,19 +122,48 @@ def test_predicting_in_blocks_gives_what_predicting_at_once_gives() -> None:
 def test_no_test_episodes_and_predictions_that_are_not_finite_are_refused() -> None:
     empty = Transitions(spec=WORLD.spec, **{name: getattr(WORLD, name)[:0] for name in COLUMNS})
     with pytest.raises(EvaluationError, match="no test episodes"):
-        predict_all(MODEL.predict, Points.of(empty, MODEL.features))
+        predict_all(predictor_of(MODEL, "argmax"), Points.of(empty, MODEL.features))
     with pytest.raises(EvaluationError, match="not finite"):
-        predict_all(lambda observation, _: observation * float("nan"), POINTS)
+        predict_all(lambda _, point: torch.full((len(point), 2), math.nan), POINTS)
 
 
 def test_the_oracle_is_at_least_as_good_as_any_addressing_on_every_sample() -> None:
-    losses = member_losses(MODEL, POINTS, "mse").losses
-    chosen = losses.gather(0, chosen_members(MODEL, POINTS).unsqueeze(0))[0]
+    losses = POINTS.losses(MODEL, "mse")
+    chosen = losses.gather(0, POINTS.probabilities(MODEL).argmax(dim=1).unsqueeze(0))[0]
     oracle = evaluate_oracle(MODEL, POINTS, "mse")["one_step"]["scaled"]
     assert oracle["mean"] == pytest.approx(float(losses.min(dim=0).values.mean()))
     assert bool((losses.min(dim=0).values <= chosen).all())
     table = evaluate_addressing(MODEL, POINTS, "mse")
     assert table["regret"]["mean"] == pytest.approx(float(chosen.mean()) - oracle["mean"])
+
+
+def test_all_measures_share_one_pass_of_the_members_and_one_of_the_addressing(monkeypatch: pytest.MonkeyPatch) -> None:
+    passes = list[StackedMLP]()
+    forward = StackedMLP.forward_all
+
+    def counted(stack: StackedMLP, x: torch.Tensor) -> torch.Tensor:
+        passes.append(stack)
+        return forward(stack, x)
+
+    monkeypatch.setattr(StackedMLP, "forward_all", counted)
+    monkeypatch.setattr(StackedMLP, "forward", counted)
+    points = Points.of(WORLD, MODEL.features)
+    for candidate in ensemble_candidates({0: {"plain": MODEL}}, {0: "plain"}):
+        evaluate_candidate(candidate, points, "mse")
+    evaluate_oracle(MODEL, points, "mse")
+    evaluate_addressing(MODEL, points, "mse")
+    evaluate_specialisation(MODEL, points, "mse")
+    assert sorted(map(id, passes)) == sorted(map(id, [MODEL.ensemble, MODEL.addressing]))
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_what_is_predicted_from_shared_passes_is_what_the_model_predicts(mode: Mode) -> None:
+    for points in (POINTS, Points.of(SWINGING, untrained_model(SWINGING, history=3).features)):
+        model = untrained_model(points.transitions, history=points.features.history)
+        drawn = [torch.Generator().manual_seed(0) for _ in range(2)]
+        found = predict_all(predictor_of(model, mode, drawn[0]), points)
+        expected = model.predict(*points.inputs(torch.arange(len(points))), mode, generator=drawn[1])
+        assert torch.equal(found, expected)
 
 
 def test_every_mode_seed_and_variant_is_a_candidate_and_the_argmax_is_what_the_table_shows() -> None:
@@ -144,11 +173,11 @@ def test_every_mode_seed_and_variant_is_a_candidate_and_the_argmax_is_what_the_t
     assert {f"ensemble/{mode}" for mode in MODES} <= candidates.keys()
     assert {MEAN, "ensemble/argmax/cost_sensitive", "ensemble/argmax/seed-5"} <= candidates.keys()
     argmax = evaluate_candidate(candidates["ensemble/argmax"], POINTS, "mse")
-    losses = member_losses(MODEL, POINTS, "mse").losses
-    chosen = losses.gather(0, chosen_members(MODEL, POINTS).unsqueeze(0))[0]
+    losses = POINTS.losses(MODEL, "mse")
+    chosen = losses.gather(0, POINTS.probabilities(MODEL).argmax(dim=1).unsqueeze(0))[0]
     assert argmax["one_step"]["scaled"]["mean"] == pytest.approx(float(chosen.mean()), rel=1e-5)
     mean = evaluate_candidate(candidates[MEAN], POINTS, "mse")
-    outputs = member_losses(MODEL, POINTS, "mse").outputs.mean(dim=0)
+    outputs = POINTS.outputs(MODEL).mean(dim=0)
     averaged = MODEL.features.decode(outputs, torch.from_numpy(WORLD.observation))
     expected = float(scaled_losses(averaged, POINTS, "mse").mean())
     assert mean["one_step"]["scaled"]["mean"] == pytest.approx(expected, rel=1e-5)

@@ -12,9 +12,8 @@ from learning import drive
 from addressed_dynamics.base.errors import EvaluationError
 from addressed_dynamics.envs import acrobot_energy, acrobot_observation, acrobot_state, acrobot_step
 from addressed_dynamics.episodes.transitions import SpaceSpec, Transitions
-from addressed_dynamics.evaluation.transitions.candidates import Candidate
 from addressed_dynamics.evaluation.transitions.physics import ROUNDING, TRUTH, TWIN, acrobot_course
-from addressed_dynamics.evaluation.transitions.rollouts import evaluate_rollouts, evaluate_simulations
+from addressed_dynamics.evaluation.transitions.rollouts import evaluate_rollouts, evaluate_simulations, free_run
 from addressed_dynamics.evaluation.transitions.truth import TrueRollouts, replay_recorded
 from addressed_dynamics.sources.transitions.params import RecordedRollouts
 
@@ -63,8 +62,8 @@ def simulated() -> tuple[dict[str, Any], list[dict[str, Any]]]:
 
 
 def judged(model: Any) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    candidate = Candidate("ensemble/argmax", "a model", 1, lambda state, _: state, model, "argmax")
-    return evaluate_rollouts(candidate, truth(), physics=True)
+    predicted = free_run(model, truth(), "argmax")
+    return evaluate_rollouts("ensemble/argmax", predicted, truth(), recording().spec, physics=True)
 
 
 def exact(error: float = 0.0) -> Simulator:

@@ -9,6 +9,7 @@ from learning import drive, swing
 
 from addressed_dynamics.episodes.transitions import COLUMNS, Transitions
 from addressed_dynamics.evaluation.transitions.points import Points
+from addressed_dynamics.evaluation.transitions.suite import held_out
 from addressed_dynamics.features.transitions.spec import fit_features
 from addressed_dynamics.sources.transitions.params import FeatureParams
 
@@ -50,8 +51,15 @@ def test_points_are_what_training_calls_samples(world: Transitions, history: int
     points = points_of(world, history)
     samples = points.features.samples(world)
     x = points.features.encode(*points.inputs(torch.arange(len(points))))
-    torch.testing.assert_close(x, samples.x, rtol=0.0, atol=0.0)
+    torch.testing.assert_close(x, samples.x[:], rtol=0.0, atol=0.0)
     assert points.step.tolist() == samples.step.tolist()
+
+
+def test_held_out_episodes_that_are_too_short_for_the_history_are_counted() -> None:
+    world = drive((2, 30, 1, 3))
+    short = {"episodes": 2, "rows": 3}
+    assert held_out(points_of(world, 3)) == {"transitions": 28 + 1, "episodes": 2, "dropped": short}
+    assert held_out(points_of(world, 1))["dropped"] == {"episodes": 0, "rows": 0}
 
 
 def test_no_transitions_have_no_points() -> None:

@@ -6,20 +6,24 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+import torch
 from builders import car_transitions
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from learning import drive, swing, untrained_model
+from rollout_errors import rollout_errors
 from strategies import random_transitions, space_specs, transitions
 
 from addressed_dynamics.base.errors import EvaluationError
 from addressed_dynamics.base.params.recording import EnvironmentParams
 from addressed_dynamics.episodes.transitions import COLUMNS, SpaceSpec, Transitions
-from addressed_dynamics.evaluation.transitions.candidates import Candidate
+from addressed_dynamics.evaluation.transitions.candidates import MEAN, Candidate, ensemble_candidates, predictor_of
 from addressed_dynamics.evaluation.transitions.points import Points
-from addressed_dynamics.evaluation.transitions.rollouts import evaluate_rollouts, rollout_errors, summarise_rollouts
+from addressed_dynamics.evaluation.transitions.rollouts import evaluate_rollouts, free_run, roll_out, summarise_rollouts
 from addressed_dynamics.evaluation.transitions.suite import figure_arrays
 from addressed_dynamics.evaluation.transitions.truth import TrueRollouts, replay_recorded, true_rollouts
+from addressed_dynamics.features.common.samples import Dropped
+from addressed_dynamics.simulators.addressed import AddressedDynamics
 from addressed_dynamics.sources.transitions.params import EnvironmentRollouts, RecordedRollouts
 
 
@@ -135,6 +139,8 @@ def test_a_segment_without_a_long_episode_is_named_and_the_others_keep_their_len
     assert truth.steps == 50
     assert list(truth.groups) == ["all"]
     assert truth.too_short == {"a": 54, "b": 50}
+    assert truth.dropped == Dropped(3, 54 + 30 + 50)
+    assert truth.select([0]).dropped == truth.dropped
 
 
 def test_all_stretches_become_shorter_only_if_no_episode_is_long_enough() -> None:
@@ -196,12 +202,17 @@ def test_a_model_with_a_history_sees_the_true_frames_first_and_its_own_after_the
         frames = np.concatenate([frames[:, 1:], state[:, None]], axis=1)
 
 
+def predicted(model: AddressedDynamics, truth: TrueRollouts) -> np.ndarray:
+    candidate = Candidate("a model", "a model", 1, predictor_of(model, "argmax"), model, "argmax")
+    return roll_out([candidate], truth, cores=1)["a model"]
+
+
 @pytest.mark.parametrize(("steps", "horizons"), [(2, [1, 2]), (50, range(2, 51, 2)), (300, range(10, 301, 10))])
 def test_short_rollouts_have_a_table_of_errors_against_the_horizon_too(steps: int, horizons: list[int]) -> None:
     world = swing((300, 310))
     model = untrained_model(world)
-    candidate = Candidate("ensemble/argmax", "ensemble", 1, model.predict, model, "argmax")
-    _, rows = evaluate_rollouts(candidate, replay(world, steps=steps), physics=False)
+    truth = replay(world, steps=steps)
+    _, rows = evaluate_rollouts("ensemble/argmax", predicted(model, truth), truth, world.spec, physics=False)
     assert [row["horizon"] for row in rows] == list(horizons)
     assert all(left["horizon"] < right["horizon"] for left, right in pairwise(rows))
 
@@ -210,10 +221,28 @@ def test_short_rollouts_have_a_table_of_errors_against_the_horizon_too(steps: in
 def test_one_stretch_in_the_middle_stands_for_all_in_the_figures(history: int) -> None:
     world = swing((40, 30))
     model, truth = untrained_model(world, history=history), replay(world, steps=12, history=history)
-    arrays = figure_arrays(model, model.ensemble, Points.of(world, model.features), truth, "mse")
+    whole = predicted(model, truth)
+    arrays = figure_arrays(model, model.ensemble, Points.of(world, model.features), truth, whole, "mse")
     assert arrays["rollout_group"].tolist() == ["all"]
     np.testing.assert_array_equal(arrays["rollout_true"], truth.states[[len(truth.states) // 2]])
     assert arrays["rollout_predicted"].shape == arrays["rollout_true"].shape
+    np.testing.assert_array_equal(arrays["rollout_predicted"][:, 1:], whole[[len(whole) // 2]])
+
+
+@pytest.mark.parametrize("cores", [1, 3, 64])
+def test_rollouts_side_by_side_are_those_of_each_candidate_alone_and_leave_torch_its_threads(cores: int) -> None:
+    world = swing((40, 30))
+    truth = replay(world, steps=12)
+    models = {0: {"plain": untrained_model(world), "cost_sensitive": untrained_model(world, seed=1)}}
+    candidates = ensemble_candidates(models, {0: "plain"})
+    threads = torch.get_num_threads()
+    found = roll_out(candidates, truth, cores=cores)
+    assert list(found) == [each.name for each in candidates if each.name != MEAN]
+    for each in candidates:
+        if each.model is not None:
+            np.testing.assert_array_equal(found[each.name], free_run(each.model, truth, each.mode))
+    assert torch.get_num_threads() == threads
+    assert roll_out([], truth, cores=cores) == {}
 
 
 def test_a_params_file_says_where_rollouts_come_from() -> None:

@@ -7,12 +7,13 @@ import pytest
 import torch
 from builders import CAR
 from learning import drive, untrained_model
+from rollout_errors import rollout_errors
 
 from addressed_dynamics.base.errors import EvaluationError
 from addressed_dynamics.base.params.recording import EnvironmentParams
 from addressed_dynamics.envs.mountain_car import mountain_car_step
 from addressed_dynamics.episodes.transitions import Dimension
-from addressed_dynamics.evaluation.transitions.rollouts import rollout_errors, summarise_rollouts
+from addressed_dynamics.evaluation.transitions.rollouts import summarise_rollouts
 from addressed_dynamics.evaluation.transitions.spreads import against_horizon
 from addressed_dynamics.evaluation.transitions.truth import TrueRollouts, record_true_rollouts
 from addressed_dynamics.sources.transitions.params import EnvironmentRollouts

@@ -2,19 +2,24 @@
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from learning import drive, swing
+from learning import ADDRESSING, ENSEMBLE, drive, swing
 from strategies import random_transitions, space_specs
 
 from addressed_dynamics.base.errors import ModelError
 from addressed_dynamics.episodes.transitions import DiscreteAction, Transitions
+from addressed_dynamics.features.common import samples as samples_module
+from addressed_dynamics.features.common.samples import Samples, Windows
 from addressed_dynamics.features.transitions.spec import FeatureSpec, fit_features
 from addressed_dynamics.sources.transitions.params import FeatureParams
+from addressed_dynamics.training.addressing import train_addressing
+from addressed_dynamics.training.ensemble import evaluate_profiles, train_ensemble
 
 WORLDS = {"car": drive((9, 2, 14, 3)), "arm": swing((9, 2, 14, 3))}
 histories = st.integers(2, 7)
@@ -47,7 +52,7 @@ def test_inputs_are_the_frames_of_one_episode_oldest_first(world: Transitions, h
         for row in rows
     ]
     assert features.inputs == history * len(features.input_mean)
-    np.testing.assert_allclose(samples.x, np.array(expected), rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(samples.x[:], np.array(expected), rtol=1e-4, atol=1e-5)
     assert samples.episode.tolist() == world.episode[rows].tolist()
     assert samples.step.tolist() == world.step[rows].tolist()
 
@@ -79,7 +84,7 @@ def test_samples_are_what_encoding_the_frames_gives(case: tuple, history: int) -
     features = fitted(world, history, 0.5)
     places = np.arange(history - 1, history + 3)[:, None] + np.arange(1 - history, 1)
     encoded = features.encode(torch.from_numpy(world.observation[places]), torch.from_numpy(world.action[places]))
-    torch.testing.assert_close(features.samples(world).x, encoded, rtol=0.0, atol=0.0)
+    torch.testing.assert_close(features.samples(world).x[:], encoded, rtol=0.0, atol=0.0)
 
 
 @given(history=histories, weight=weights)
@@ -140,3 +145,36 @@ def test_frames_of_a_wrong_shape_are_refused(observation: torch.Tensor, action: 
 def test_continuous_actions_of_a_wrong_number_of_frames_are_refused() -> None:
     with pytest.raises(ModelError, match=r"shape \(3, 4, 2\), but have \(3, 2\)"):
         fitted(WORLDS["arm"], 4).encode(torch.zeros(3, 4, 2), torch.zeros(3, 2))
+
+
+def materialised(samples: Samples) -> Samples:
+    """Return the same samples with every window in memory by itself."""
+    return replace(samples, x=samples.x[:].clone())
+
+
+def test_frames_are_kept_once_and_windows_are_put_together_for_each_batch() -> None:
+    world = drive((9, 2, 14, 3))
+    samples = fitted(world, 4, 0.5).samples(world)
+    assert isinstance(samples.x, Windows)
+    assert samples.x.frames.untyped_storage().nbytes() == 4 * 5 * len(world)
+    whole = materialised(samples)
+    assert samples.x.shape == whole.x.shape
+    assert samples.x.ndim == whole.x.ndim
+    rows = torch.tensor([[3, 0, 3], [len(samples) - 1, 1, 5]])
+    assert torch.equal(samples.x[rows], whole.x[rows])
+    assert torch.equal(samples.x[2:5], whole.x[2:5])
+
+
+def test_training_on_windows_is_training_on_each_window_by_itself_bit_for_bit(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(samples_module, "BLOCK_ROWS", 7)
+    train, validation = (drive((40, 2, 30), seed) for seed in (0, 1))
+    features = fitted(train, 4, 0.5)
+    found = list[list[torch.Tensor]]()
+    both = features.samples(train), features.samples(validation)
+    for own, other in (both, tuple(map(materialised, both))):
+        *_, ensemble = train_ensemble(own, other, ENSEMBLE, seed=0, loss_unit=1.0)
+        profiles = [evaluate_profiles(ensemble.network, each, "mse") for each in (own, other)]
+        *_, addressing = train_addressing(own, profiles[0], other, profiles[1], ADDRESSING, seed=0, variant="plain")
+        found.append([*ensemble.network.parameters(), *addressing.network.parameters(), *profiles])
+        assert own.fingerprint() == both[0].fingerprint()
+    assert all(torch.equal(window, alone) for window, alone in zip(*found, strict=True))

@@ -1,3 +1,4 @@
+import numpy as np
 import pytest
 import torch
 from builders import car_transitions
@@ -5,8 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from addressed_dynamics.base.errors import TransitionsError
+from addressed_dynamics.features.common.samples import Dropped
 from addressed_dynamics.features.transitions.spec import fit_features
-from addressed_dynamics.features.transitions.windows import window_rows, windows
+from addressed_dynamics.features.transitions.windows import shorter_episodes, window_rows, windows
 from addressed_dynamics.sources.transitions.params import FeatureParams
 
 
@@ -32,6 +34,14 @@ def test_a_window_holds_its_rows_oldest_first() -> None:
 @pytest.mark.parametrize("history", [2, 6])
 def test_an_episode_shorter_than_the_history_has_no_window(history: int) -> None:
     assert len(window_rows(car_transitions([history - 1, history - 1]), history)) == 0
+
+
+@given(lengths=st.lists(st.integers(1, 9), min_size=1, max_size=6), history=st.integers(1, 7))
+def test_episodes_without_a_window_are_counted_with_their_rows(lengths: list[int], history: int) -> None:
+    transitions = car_transitions(lengths)
+    without = set(transitions.episode.tolist()) - set(transitions.episode[window_rows(transitions, history)].tolist())
+    rows = int(np.isin(transitions.episode, list(without)).sum())
+    assert shorter_episodes(transitions, history) == Dropped(len(without), rows)
 
 
 def test_episodes_that_are_all_shorter_than_the_history_are_an_error_that_counts_them() -> None:

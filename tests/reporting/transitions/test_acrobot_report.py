@@ -1,5 +1,7 @@
 """What the report makes of the paper's second experiment: its claims, its targets, and many members."""
 
+import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -288,6 +290,16 @@ def test_maps_are_over_the_angles_where_there_are_any() -> None:
         figure = state_maps(arrays(2, pair=False), SPACES, angles)
         assert figure is not None
         assert all(axes in panel.alternative for panel in figure.panels)
+
+
+def test_bounds_far_beyond_the_data_do_not_squash_the_maps() -> None:
+    drawn = []
+    for far in (math.inf, 1e9):
+        wide = tuple(replace(each, low=-far, high=far) for each in SPACES.observation)
+        figure = state_maps(arrays(2, pair=False), replace(SPACES, observation=wide))
+        assert figure is not None
+        drawn.append([panel.content for panel in figure.panels])
+    assert drawn[0] == drawn[1]
 
 
 @pytest.mark.slow

@@ -1,5 +1,6 @@
 """What the report says of rollouts, by groups, and of Acrobot's beside what is possible at best."""
 
+import json
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from addressed_dynamics.reporting.common.paper import PAPER
 from addressed_dynamics.reporting.common.records import Evaluation, RolloutPhysics
 from addressed_dynamics.reporting.transitions.figures.physics import angles_and_energy
 from addressed_dynamics.reporting.transitions.rollout_tables import energy_table, lost_table, rollout_tables
+from addressed_dynamics.reporting.transitions.tables import one_step_table
 from addressed_dynamics.reporting.transitions.verdict import findings
 
 SEGMENTS = {"learning": 3, "zero_torque": 2}
@@ -46,6 +48,19 @@ def test_many_dimensions_have_a_table_for_each_segment() -> None:
     assert [len(each.columns) for each in (everything, learning, swinging)] == [8, 7, 7]
     for each in (everything, learning, swinging):
         assert all(len(row.cells) == len(each.columns) for row in each.rows)
+
+
+def test_episodes_that_are_too_short_are_named_where_they_are_missing() -> None:
+    found, _ = acrobot()
+    assert "too short" not in rollout_tables(found, None)[0].caption + one_step_table(found, {}, None).caption
+    values = evaluation_json(spaces=acrobot_spaces(), wall_free=None, segments=SEGMENTS)
+    values["test"]["dropped"] = {"episodes": 1, "rows": 4}
+    values["rollouts"]["dropped"] = {"episodes": 12, "rows": 1300}
+    short = Evaluation.model_validate_json(json.dumps(values))
+    words = "12 held-out episodes with together 1,300 steps are too short for a stretch"
+    assert words in rollout_tables(short, None)[0].caption
+    words = "Left out: one held-out episode of 4 steps is too short for the history that networks are given."
+    assert words in one_step_table(short, {}, None).caption
 
 
 def test_a_segment_called_wall_is_no_wall() -> None:

@@ -188,6 +188,22 @@ def test_the_data_report_counts_duplicates_across_logs_and_shows_the_learner(tmp
     assert len((reports / "learner.csv").read_text().splitlines()) == 1 + 6
 
 
+@pytest.mark.parametrize("far", [1e7, float(np.finfo(np.float32).max)])
+def test_bounds_far_beyond_the_data_do_not_squash_the_coverage(tmp_path: Path, far: float) -> None:
+    states = np.random.default_rng(0).uniform(-1.0, 1.0, size=(125, 2)).astype(np.float32)
+    coverage = []
+    for name, bound in (("none", np.inf), ("far", far)):
+        spec = replace(CAR, observation=tuple(replace(each, low=-bound, high=bound) for each in CAR.observation))
+        columns = {"observation": states, "next_observation": np.roll(states, -1, axis=0)}
+        world = replace(car_transitions([30, 20, 25, 30, 20]), spec=spec, **columns)
+        (tmp_path / name / "raw").mkdir(parents=True)
+        write_transitions(tmp_path / name / "raw" / "learner-env00-000.mcap", world)
+        found = json.loads((convert(tmp_path / name) / "reports" / "data.json").read_text())["coverage"]
+        coverage.append(found)
+    assert coverage[0] == coverage[1]
+    assert min(coverage[1]["per_dimension"].values()) > 0.5
+
+
 def quality(folder: Path) -> list[dict[str, Any]]:
     found: list[dict[str, Any]] = json.loads((folder / "reports" / "data.json").read_text())["quality"]
     return found

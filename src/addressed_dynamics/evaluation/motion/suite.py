@@ -88,9 +88,8 @@ def evaluate_motion(
     reference = data_reference(data.train)
     deviation = block_deviation(data.train.y)
     start = start_pose(data.train)
-    traces = _loops(candidates, [plan.test], start, cores)
     to_choose_from = [each for each in candidates if each.seed is not None]
-    chosen_by = _loops(to_choose_from, plan.for_choosing, start, cores)
+    traces, chosen_by = _loops([(candidates, [plan.test]), (to_choose_from, plan.for_choosing)], start, cores)
     results = {}
     for each in candidates:
         results[each.name] = {
@@ -195,14 +194,37 @@ def stretch(motion: Motion, steps: int) -> Int64[np.ndarray, " row"]:
 
 
 def _loops(
-    candidates: Sequence[MotionCandidate], scripts: Sequence[Script], start: Pose, cores: int
-) -> dict[str, Trace]:
-    """Run the closed loops of the candidates, by their names, in at most `cores` processes."""
-    groups = [group for first in range(cores) if (group := candidates[first::cores])]
-    with worker_processes(len(groups)) as ordered_map:
-        # Copies, as another process gets them: members that are drawn are the same for any number of cores.
-        works = [({each.name: deepcopy(each.predictor) for each in group}, scripts, start) for group in groups]
-        return {name: trace for traces in ordered_map(_run, works) for name, trace in traces.items()}
+    jobs: Sequence[tuple[Sequence[MotionCandidate], Sequence[Script]]], start: Pose, cores: int
+) -> list[dict[str, Trace]]:
+    """Run the closed loops of each job, candidates under scripts, by the candidates' names; at most `cores` at once."""
+    parts = [
+        (index, together, scripts)
+        for index, (candidates, scripts) in enumerate(jobs)
+        for together in _by_network(candidates)
+    ]
+    # Copies, as another process gets them: members that are drawn are the same for any number of cores.
+    works = [({each.name: deepcopy(each.predictor) for each in part}, scripts, start) for _, part, scripts in parts]
+    found: list[dict[str, Trace]] = [{} for _ in jobs]
+    with worker_processes(min(cores, len(works))) as ordered_map:
+        for (index, _, _), part_traces in zip(parts, ordered_map(_run, works), strict=True):
+            found[index] |= part_traces
+    return [
+        {each.name: traces[each.name] for each in candidates}
+        for (candidates, _), traces in zip(jobs, found, strict=True)
+    ]
+
+
+def _by_network(candidates: Sequence[MotionCandidate]) -> list[list[MotionCandidate]]:
+    """Return the candidates in groups that use the same networks, and those that have next to none as one group.
+
+    A frame of a closed loop reads all weights once, so its time is that of memory; the weights of one network stay in
+    the processor's cache from frame to frame, those of all candidates do not.
+    """
+    groups = dict[tuple[str, int] | None, list[MotionCandidate]]()
+    for each in candidates:
+        key = None if each.seed is None else (each.group.partition("/")[0], each.seed)
+        groups.setdefault(key, []).append(each)
+    return list(groups.values())
 
 
 def _run(work: tuple[dict[str, MotionPredictor], Sequence[Script], Pose]) -> dict[str, Trace]:

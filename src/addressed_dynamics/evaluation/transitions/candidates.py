@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from torch import Tensor
 from addressed_dynamics.base.errors import ModelError
 from addressed_dynamics.base.params.training import AddressingTraining, EnsembleParams
 from addressed_dynamics.evaluation.transitions.one_step import Predictor
+from addressed_dynamics.evaluation.transitions.points import Points
 from addressed_dynamics.features.transitions.spec import FeatureSpec
 from addressed_dynamics.networks.addressing import multiply_adds_a_step
 from addressed_dynamics.networks.files import SavedNetwork, load_network, read_index
@@ -65,7 +67,7 @@ def ensemble_candidates(models: dict[int, dict[str, AddressedDynamics]], deliver
             MEAN,
             "ensemble, mean of the members",
             best.ensemble.parameters_total,
-            lambda observation, action: best.decode(best.member_outputs(observation, action).mean(dim=0), observation),
+            lambda points, point: _decoded(best, points, point, points.outputs(best)[:, point].mean(dim=0)),
             None,
             "argmax",
             best.ensemble.multiply_adds(),
@@ -121,8 +123,12 @@ class OtherRecipe:
     """How the addressing network was trained."""
 
 
-def load_other_recipe(folder: Path) -> OtherRecipe | None:
+def load_other_recipe(folder: Path, candidates: Sequence[Candidate] = ()) -> OtherRecipe | None:
     """Load the ensemble with the recipe that was not chosen; None if it was not trained.
+
+    Args:
+        folder: the baselines' folder.
+        candidates: what was loaded already: if the ensemble is among them, it is the same object.
 
     Raises:
         ModelError: a file is missing or damaged.
@@ -131,6 +137,7 @@ def load_other_recipe(folder: Path) -> OtherRecipe | None:
         name = key.partition("/seed-")[0]
         if name in OTHER_RECIPE.values():
             network, model = _load_baseline(folder / key)
+            model = next((each.model for each in candidates if each.name == key and each.model is not None), model)
             try:
                 ensemble = EnsembleParams.model_validate(network.notes["params"]["ensemble"], strict=False)
                 addressing = AddressingTraining.model_validate(network.notes["params"]["addressing"], strict=False)
@@ -164,11 +171,17 @@ def load_ensembles(folder: Path) -> tuple[dict[int, dict[str, AddressedDynamics]
     """
     index = read_index(folder / "addressing", "addressing.json")
     delivered = {int(seed): variant for seed, variant in index["delivered"].items()}
-    models = {
-        seed: {variant: AddressedDynamics.load(folder, seed=seed, variant=variant) for variant in index["variants"]}
-        for seed in delivered
+    return {seed: _variants(folder, seed, index["variants"]) for seed in delivered}, delivered
+
+
+def _variants(folder: Path, seed: int, names: Sequence[str]) -> dict[str, AddressedDynamics]:
+    """Load the ensemble of a seed with each of the addressing networks; all have the same ensemble, as one object."""
+    loaded = {name: AddressedDynamics.load(folder, seed=seed, variant=name) for name in names}
+    ensemble = next(iter(loaded.values())).ensemble
+    return {
+        name: AddressedDynamics(each.features, ensemble, each.addressing, mode=each.mode)
+        for name, each in loaded.items()
     }
-    return models, delivered
 
 
 def _load_baseline(folder: Path) -> tuple[SavedNetwork[FeatureSpec], AddressedDynamics]:
@@ -183,8 +196,22 @@ def _addressed(name: str, label: str, model: AddressedDynamics, mode: Mode) -> C
     # One generator for all chunks of points: seeded for each, it would draw the same members in all of them.
     generator = torch.Generator().manual_seed(SAMPLING_SEED) if mode == "sample" else None
 
-    def predict(observation: Tensor, action: Tensor) -> Tensor:
-        return model.predict(observation, action, mode, generator=generator)
-
     cost = multiply_adds_a_step(model.ensemble, model.addressing, mode)
-    return Candidate(name, label, parameters, predict, model, mode, cost)
+    return Candidate(name, label, parameters, predictor_of(model, mode, generator), model, mode, cost)
+
+
+def predictor_of(model: AddressedDynamics, mode: Mode, generator: torch.Generator | None = None) -> Predictor:
+    """Return a model in a mode as a predictor, which says what `AddressedDynamics.predict` does."""
+
+    def predict(points: Points, point: Tensor) -> Tensor:
+        x, probabilities = points.x(model.features)[point], points.probabilities(model)[point]
+        outputs = points.outputs(model)[:, point] if mode == "mixture" else None
+        return _decoded(
+            model, points, point, model.combined(x, probabilities, mode, outputs=outputs, generator=generator)
+        )
+
+    return predict
+
+
+def _decoded(model: AddressedDynamics, points: Points, point: Tensor, output: Tensor) -> Tensor:
+    return model.features.decode(output, torch.from_numpy(points.observation)[point])

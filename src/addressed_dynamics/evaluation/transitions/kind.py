@@ -18,6 +18,7 @@ from addressed_dynamics.evaluation.transitions.candidates import (
     load_pair,
 )
 from addressed_dynamics.evaluation.transitions.points import Points
+from addressed_dynamics.evaluation.transitions.rollouts import roll_out
 from addressed_dynamics.evaluation.transitions.suite import (
     baseline_losses,
     evaluate_addressing,
@@ -26,6 +27,7 @@ from addressed_dynamics.evaluation.transitions.suite import (
     evaluate_other_recipe,
     evaluate_specialisation,
     figure_arrays,
+    held_out,
     pair_arrays,
 )
 from addressed_dynamics.evaluation.transitions.summary import summarise
@@ -53,11 +55,14 @@ def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int
     segments = {each.episode: each.segment for each in read_episodes(tables / "episodes.parquet")}
     truth = true_rollouts(params.rollouts, points["test"].transitions, model.features.history, segments)
     candidates = [*ensemble_candidates(ensembles, delivered), *baseline_candidates(models / "baselines")]
-    results, rollouts, horizon = evaluate_candidates(candidates, points["test"], truth, params.rollouts, loss)
-    other = load_other_recipe(models / "baselines")
+    predicted = roll_out(candidates, truth, cores=cores)
+    results, rollouts, horizon = evaluate_candidates(
+        candidates, points["test"], truth, params.rollouts, loss, predicted
+    )
+    other = load_other_recipe(models / "baselines", candidates)
     report = {
         "loss": loss,
-        "test": {"transitions": len(points["test"]), "episodes": len(set(points["test"].episode.tolist()))},
+        "test": held_out(points["test"]),
         "rollouts": rollouts,
         "delivered": {"seed": first, "variant": delivered[first]},
         "seeds": {
@@ -71,7 +76,7 @@ def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int
         "other_recipe": evaluate_other_recipe(other, points) if other else None,
     }
     untrained = untrained_ensemble(model.features.inputs, model.features.outputs, recipe, seed=first)
-    arrays = figure_arrays(model, untrained, points["test"], truth, loss)
+    arrays = figure_arrays(model, untrained, points["test"], truth, predicted["ensemble/argmax"], loss)
     if pair := load_pair(models / "baselines"):
         network, seed = pair
         two = recipe.model_copy(update={"members": network.members})

@@ -12,8 +12,8 @@ from addressed_dynamics.evaluation.transitions.points import Points
 from addressed_dynamics.features.transitions.angles import wrapped_difference
 from addressed_dynamics.networks.stacked import in_chunks
 
-Predictor = Callable[[Tensor, Tensor], Tensor]
-"""(states, actions) as `AddressedDynamics.predict` takes them -> next states (B, d_obs), in the environment's units."""
+Predictor = Callable[[Points, Tensor], Tensor]
+"""(points, numbers of some of them (B,)) -> their next states (B, d_obs), in the environment's units."""
 
 
 def predict_all(predictor: Predictor, points: Points) -> Float[Tensor, "point observation"]:
@@ -26,7 +26,7 @@ def predict_all(predictor: Predictor, points: Points) -> Float[Tensor, "point ob
         frames = "" if points.features.history == 1 else f" of at least {points.features.history} steps"
         message = f"there are no test episodes{frames}: raise convert.test_share or record more episodes"
         raise EvaluationError(message)
-    predicted = in_chunks(lambda point: predictor(*points.inputs(point)), torch.arange(len(points)), sample_dim=0)
+    predicted = in_chunks(lambda point: predictor(points, point), torch.arange(len(points)), sample_dim=0)
     if not torch.isfinite(predicted).all():
         message = "a model predicts states that are not finite: its training diverged"
         raise EvaluationError(message)

@@ -1,20 +1,27 @@
-"""Points: transitions as a model sees them, each with the frames before it."""
+"""Points: transitions as a model sees them, each with the frames before it, and what models say of them."""
 
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 import torch
-from jaxtyping import Float32, Int32, Int64
+from jaxtyping import Float, Float32, Int32, Int64
 from torch import Tensor
 
 from addressed_dynamics.episodes.transitions import Transitions
 from addressed_dynamics.features.transitions.spec import FeatureSpec
 from addressed_dynamics.features.transitions.windows import window_rows, windows
+from addressed_dynamics.networks.stacked import in_chunks
+from addressed_dynamics.simulators.addressed import AddressedDynamics
 
 
 @dataclass(frozen=True)
 class Points:
-    """The transitions of which a model with these features can predict the end."""
+    """The transitions of which a model with these features can predict the end.
+
+    What a model says of them is computed when it is first asked for, and kept: measures share the passes of a network.
+    """
 
     features: FeatureSpec
     """How the model sees them."""
@@ -22,6 +29,8 @@ class Points:
     """All transitions, those without enough frames before them included."""
     rows: Int64[np.ndarray, " point"]
     """Rows of the transitions that are points."""
+    _kept: dict[Hashable, Tensor] = field(default_factory=dict, repr=False, compare=False)
+    """What was computed, by what it was computed of and with."""
 
     @staticmethod
     def of(transitions: Transitions, features: FeatureSpec) -> "Points":
@@ -68,3 +77,37 @@ class Points:
         """Numbers of the steps in their episodes."""
         step: Int32[np.ndarray, " point"] = self.transitions.step[self.rows]
         return step
+
+    def x(self, features: FeatureSpec) -> Float[Tensor, "point input"]:
+        """Return the inputs of networks with such features, which ask for as many frames as the points have."""
+        return self._once(("x", features), lambda point: features.encode(*self.inputs(point)), sample_dim=0)
+
+    def outputs(self, model: AddressedDynamics) -> Float[Tensor, "member point output"]:
+        """Return the outputs of every member, normalised as targets are."""
+        x = self.x(model.features)
+        return self._once(("outputs", model.features, model.ensemble), lambda point: model.ensemble(x[point]), 1)
+
+    def probabilities(self, model: AddressedDynamics) -> Float[Tensor, "point member"]:
+        """Return the softmax of the addressing network's outputs."""
+        x, key = self.x(model.features), ("probabilities", model.features, model.addressing or model.ensemble)
+        return self._once(key, lambda point: model.probabilities_of(x[point]), 0)
+
+    def losses(self, model: AddressedDynamics, loss: str) -> Float[Tensor, "member point"]:
+        """Return the loss (`mse` or `mae`) of every point under every member.
+
+        They are of states scaled to [0, 1], of what the networks say: before angles are put back on the unit circle.
+        """
+        key = ("losses", model.features, model.ensemble, loss)
+        if key not in self._kept:
+            observation, after = torch.from_numpy(self.observation), torch.from_numpy(self.next_observation)
+            error = (self.outputs(model) - model.features.encode_target(observation, after)).double()
+            each = error.square() if loss == "mse" else error.abs()
+            kind: Literal["mse", "mae"] = "mse" if loss == "mse" else "mae"
+            self._kept[key] = each.mean(dim=-1) * model.features.loss_unit(kind)
+        return self._kept[key]
+
+    def _once(self, key: Hashable, function: Callable[[Tensor], Tensor], sample_dim: int) -> Tensor:
+        """Return `function` of the numbers of all points, in blocks; computed at the first call with this key."""
+        if key not in self._kept:
+            self._kept[key] = in_chunks(function, torch.arange(len(self)), sample_dim=sample_dim)
+        return self._kept[key]

@@ -1,5 +1,7 @@
 """Free-running rollouts: a model follows its own predictions from a true first state under the recorded actions."""
 
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -34,21 +36,37 @@ def free_run(model: AddressedDynamics, truth: TrueRollouts, mode: Mode) -> Float
         return model.rollout(history, actions, mode, generator=generator)
 
 
+def roll_out(
+    candidates: Sequence[Candidate], truth: TrueRollouts, *, cores: int
+) -> dict[str, Float32[np.ndarray, "episode step state"]]:
+    """Return what each candidate that can be rolled out predicts, by its name; so many run at once, each in a thread.
+
+    Threads are enough, because most of the time goes into products of matrices.
+    """
+    models = {each.name: (each.model, each.mode) for each in candidates if each.model is not None}
+    # All threads together: one that ends must not give torch its threads back while others go on.
+    with single_thread(), ThreadPoolExecutor(max(1, min(cores, len(models)))) as pool:
+        return dict(zip(models, pool.map(lambda each: free_run(each[0], truth, each[1]), models.values()), strict=True))
+
+
 def evaluate_rollouts(
-    candidate: Candidate, truth: TrueRollouts, *, physics: bool
+    name: str,
+    predicted: Float32[np.ndarray, "episode step state"],
+    truth: TrueRollouts,
+    spaces: SpaceSpec,
+    *,
+    physics: bool,
 ) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """Return the rollout errors of one candidate, and rows of its error against the horizon.
 
     Args:
-        candidate: the model that is rolled out.
+        name: the candidate's.
+        predicted: the states that it predicts.
         truth: what really happened.
+        spaces: what the states mean.
         physics: whether the states are those of Acrobot and are to be judged by their angles and energy too.
     """
-    if candidate.model is None:
-        message = f"candidate '{candidate.name}' cannot be rolled out"
-        raise ValueError(message)
-    _, predicted = rollout_errors(candidate.model, truth, candidate.mode)
-    return _measured(candidate.name, predicted, truth, candidate.model.features.spaces, physics=physics)
+    return _measured(name, finite(predicted), truth, spaces, physics=physics)
 
 
 def evaluate_simulations(
@@ -99,14 +117,15 @@ def _measured(
     return summary, [{"model": name, **row} for row in against_horizon(values, truth)]
 
 
-def rollout_errors(
-    model: AddressedDynamics, truth: TrueRollouts, mode: Mode
-) -> tuple[Float64[np.ndarray, "episode step observation"], Float64[np.ndarray, "episode step observation"]]:
-    """Return the squared errors of a model's open-loop rollouts, and the predicted states, in environment units."""
-    predicted = free_run(model, truth, mode).astype(np.float64)
-    # A diverged rollout must count as a large error, and JSON cannot hold what is not finite.
-    predicted = np.nan_to_num(predicted, nan=1e6, posinf=1e6, neginf=-1e6).clip(-1e6, 1e6)
-    return (predicted - truth.states[:, 1:]) ** 2, predicted
+def finite(predicted: Float32[np.ndarray, "episode step state"]) -> Float64[np.ndarray, "episode step state"]:
+    """Return predicted states with something large in place of what is larger or no number.
+
+    A diverged rollout must count as a large error, and JSON cannot hold what is not finite.
+    """
+    bounded: Float64[np.ndarray, "episode step state"] = np.nan_to_num(
+        predicted.astype(np.float64), nan=1e6, posinf=1e6, neginf=-1e6
+    ).clip(-1e6, 1e6)
+    return bounded
 
 
 def summarise_rollouts(

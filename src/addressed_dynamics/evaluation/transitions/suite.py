@@ -1,12 +1,12 @@
 """The whole evaluation of an experiment: numbers for the report's tables, arrays for its figures."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int64
+from jaxtyping import Float, Float32, Int64
 from torch import Tensor
 
 from addressed_dynamics.base.errors import EvaluationError
@@ -21,52 +21,23 @@ from addressed_dynamics.evaluation.transitions.one_step import (
     summarise,
 )
 from addressed_dynamics.evaluation.transitions.points import Points
-from addressed_dynamics.evaluation.transitions.rollouts import evaluate_rollouts, evaluate_simulations, free_run
+from addressed_dynamics.evaluation.transitions.rollouts import evaluate_rollouts, evaluate_simulations
 from addressed_dynamics.evaluation.transitions.truth import TrueRollouts
-from addressed_dynamics.networks.stacked import StackedMLP, in_chunks
+from addressed_dynamics.features.transitions.windows import shorter_episodes
+from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.simulators.addressed import AddressedDynamics
 from addressed_dynamics.sources.transitions.params import EnvironmentRollouts, RecordedRollouts
 from addressed_dynamics.training.losses import reported_loss
 
 
-@dataclass(frozen=True)
-class MemberLosses:
-    """What each member of an ensemble makes of points."""
-
-    losses: Float[Tensor, "member point"]
-    """Losses of states scaled to [0, 1], of what the networks say: before angles are put back on the unit circle."""
-    outputs: Float[Tensor, "member point output"]
-    """Outputs, normalised as targets are."""
-
-
-def member_losses(model: AddressedDynamics, points: Points, loss: str) -> MemberLosses:
-    """Return the loss (`mse` or `mae`) of every point under every member."""
-    everything = torch.arange(len(points))
-    outputs = in_chunks(lambda point: model.member_outputs(*points.inputs(point)), everything, sample_dim=1)
-    observation, after = torch.from_numpy(points.observation), torch.from_numpy(points.next_observation)
-    error = (outputs - model.features.encode_target(observation, after)).double()
-    each = error.square() if loss == "mse" else error.abs()
-    return MemberLosses(each.mean(dim=-1) * model.features.loss_unit("mse" if loss == "mse" else "mae"), outputs)
-
-
-def probabilities(model: AddressedDynamics, points: Points) -> Float[Tensor, "point member"]:
-    """Return the softmax of the addressing network's outputs for every point."""
-    return in_chunks(lambda point: model.probabilities(*points.inputs(point)), torch.arange(len(points)), sample_dim=0)
-
-
-def chosen_members(model: AddressedDynamics, points: Points) -> Int64[Tensor, " point"]:
-    """Return the member that the addressing network picks for every point."""
-    return probabilities(model, points).argmax(dim=1)
-
-
 def evaluate_addressing(model: AddressedDynamics, points: Points, loss: str) -> dict[str, Any]:
     """Return Table 1 of one ensemble and addressing network."""
-    return addressing_table(member_losses(model, points, loss).losses, chosen_members(model, points))
+    return addressing_table(points.losses(model, loss), points.probabilities(model).argmax(dim=1))
 
 
 def evaluate_specialisation(model: AddressedDynamics, points: Points, loss: str) -> dict[str, Any]:
     """Return how one ensemble divides the points among its members, and how sure its addressing network is."""
-    return specialisation(member_losses(model, points, loss).losses, probabilities(model, points))
+    return specialisation(points.losses(model, loss), points.probabilities(model))
 
 
 def evaluate_other_recipe(other: OtherRecipe, points: Mapping[Split, Points]) -> dict[str, Any]:
@@ -74,26 +45,32 @@ def evaluate_other_recipe(other: OtherRecipe, points: Mapping[Split, Points]) ->
 
     Args:
         other: the ensemble with that recipe.
-        points: by split, those of the delivered model; the other's are of the same transitions, with its own features.
+        points: by split; the other is given as many frames as the delivered model.
     """
     features, loss = other.model.features, reported_loss(other.ensemble.loss)
     sections = {"features": features.params, "ensemble": other.ensemble, "addressing": other.addressing}
     return {
         "name": other.name,
         "recipe": {name: section.model_dump(mode="json") for name, section in sections.items()},
-        "specialisation": {
-            split: evaluate_specialisation(other.model, Points.of(part.transitions, features), loss)
-            for split, part in points.items()
-        },
+        "specialisation": {split: evaluate_specialisation(other.model, part, loss) for split, part in points.items()},
+    }
+
+
+def held_out(points: Points) -> dict[str, Any]:
+    """Return the size of what is predicted one step ahead, and of what is not, for want of frames."""
+    return {
+        "transitions": len(points),
+        "episodes": len(set(points.episode.tolist())),
+        "dropped": asdict(shorter_episodes(points.transitions, points.features.history)),
     }
 
 
 def baseline_losses(candidates: Sequence[Candidate], points: Points, loss: str) -> dict[str, float]:
-    """Return the mean loss of every single network among the candidates, of what it says, as in `member_losses`."""
+    """Return the mean loss of every single network among the candidates, of what it says, as in `Points.losses`."""
     single = {
         each.name: each.model for each in candidates if each.model is not None and each.model.ensemble.members == 1
     }
-    return {name: float(member_losses(model, points, loss).losses.mean()) for name, model in single.items()}
+    return {name: float(points.losses(model, loss).mean()) for name, model in single.items()}
 
 
 def one_step_errors(predicted: Float[Tensor, "point observation"], points: Points, loss: str) -> dict[str, Any]:
@@ -128,8 +105,7 @@ def evaluate_candidate(candidate: Candidate, points: Points, loss: str) -> dict[
 
 def evaluate_oracle(model: AddressedDynamics, points: Points, loss: str) -> dict[str, Any]:
     """Return the same for the ensemble with the best member always picked: what addressing could reach."""
-    members = member_losses(model, points, loss)
-    errors = one_step_errors(_decoded(model, points, members, members.losses.argmin(dim=0)), points, loss)
+    errors = one_step_errors(_decoded(model, points, points.losses(model, loss).argmin(dim=0)), points, loss)
     return {
         "label": "ensemble, best member (oracle)",
         "parameters": model.ensemble.parameters_total,
@@ -144,8 +120,17 @@ def evaluate_candidates(
     truth: TrueRollouts,
     rollouts: EnvironmentRollouts | RecordedRollouts,
     loss: str,
+    predicted: Mapping[str, Float32[np.ndarray, "episode step state"]],
 ) -> tuple[dict[str, Any], dict[str, Any], list[dict[str, Any]]]:
     """Measure all candidates one step ahead and, where they can be rolled out, in free-running rollouts.
+
+    Args:
+        candidates: what is measured.
+        points: transitions to predict one step ahead.
+        truth: what the rollouts are held against.
+        rollouts: how they were asked for.
+        loss: `mse` or `mae`.
+        predicted: what the candidates predict in their rollouts, by their names (`roll_out`).
 
     Returns:
         The errors of every candidate by its name; what the rollouts are held against; rows of errors against horizon.
@@ -154,48 +139,62 @@ def evaluate_candidates(
     results = {}
     for candidate in candidates:
         results[candidate.name] = evaluate_candidate(candidate, points, loss)
-        if candidate.model is not None:
-            results[candidate.name]["rollouts"], rows = evaluate_rollouts(candidate, truth, physics=physics is not None)
+        if candidate.name in predicted:
+            results[candidate.name]["rollouts"], rows = evaluate_rollouts(
+                candidate.name, predicted[candidate.name], truth, points.features.spaces, physics=physics is not None
+            )
             horizon += rows
     source = {
         "kind": rollouts.kind,
         "steps": truth.steps,
         "steps_wanted": rollouts.steps,
         "too_short": dict(truth.too_short),
+        "dropped": asdict(truth.dropped),
         "physics": physics,
     }
     return results, source, horizon
 
 
 def figure_arrays(
-    model: AddressedDynamics, untrained: StackedMLP, points: Points, truth: TrueRollouts, loss: str
+    model: AddressedDynamics,
+    untrained: StackedMLP,
+    points: Points,
+    truth: TrueRollouts,
+    predicted: Float32[np.ndarray, "episode step state"],
+    loss: str,
 ) -> dict[str, np.ndarray]:
     """Return what the figures show: test points with their loss profiles and choices, and typical rollouts.
+
+    Args:
+        model: what is delivered.
+        untrained: its ensemble before the training.
+        points: what it predicts one step ahead.
+        truth: what really happened.
+        predicted: what the model makes of that in the mode `argmax`.
+        loss: `mse` or `mae`.
 
     Arrays: `observation`, `action`, `episode`, `step`, `next_observation`, `predicted` (argmax), `chosen`, `best`,
     `profile` and `profile_untrained` (member, point), `rollout_true` and `rollout_predicted` (episode, T + 1, d),
     `rollout_actions` (episode, T, ...), `rollout_group` (episode).
     """
-    members = member_losses(model, points, loss)
+    losses, chosen = points.losses(model, loss), points.probabilities(model).argmax(dim=1)
     fresh = AddressedDynamics(model.features, untrained, model.addressing)
-    chosen = chosen_members(model, points)
     typical = _typical_episodes(truth)
     shown = list(typical.values())
     first = truth.states[shown, 0].astype(np.float32)
-    predicted = free_run(model, truth.select(shown), "argmax")
     return {
         "observation": points.observation,
         "action": points.action,
         "episode": points.episode,
         "step": points.step,
         "next_observation": points.next_observation,
-        "predicted": _decoded(model, points, members, chosen).numpy(),
+        "predicted": _decoded(model, points, chosen).numpy(),
         "chosen": chosen.numpy(),
-        "best": members.losses.argmin(dim=0).numpy(),
-        "profile": members.losses.numpy(),
-        "profile_untrained": member_losses(fresh, points, loss).losses.numpy(),
+        "best": losses.argmin(dim=0).numpy(),
+        "profile": losses.numpy(),
+        "profile_untrained": points.losses(fresh, loss).numpy(),
         "rollout_true": truth.states[shown],
-        "rollout_predicted": np.concatenate([first[:, None], predicted], axis=1),
+        "rollout_predicted": np.concatenate([first[:, None], predicted[shown]], axis=1),
         "rollout_actions": truth.actions[shown],
         "rollout_group": np.array(list(typical)),
     }
@@ -204,10 +203,7 @@ def figure_arrays(
 def pair_arrays(pair: StackedMLP, untrained: StackedMLP, points: Points, loss: str) -> dict[str, np.ndarray]:
     """Return the loss profiles of a small ensemble of two: `pair_profile` and `pair_profile_untrained` (2, point)."""
     networks = {"pair_profile": pair, "pair_profile_untrained": untrained}
-    return {
-        name: member_losses(_unaddressed(network, points), points, loss).losses.numpy()
-        for name, network in networks.items()
-    }
+    return {name: points.losses(_unaddressed(network, points), loss).numpy() for name, network in networks.items()}
 
 
 def _unaddressed(network: StackedMLP, points: Points) -> AddressedDynamics:
@@ -217,10 +213,10 @@ def _unaddressed(network: StackedMLP, points: Points) -> AddressedDynamics:
 
 
 def _decoded(
-    model: AddressedDynamics, points: Points, members: MemberLosses, member: Int64[Tensor, " point"]
+    model: AddressedDynamics, points: Points, member: Int64[Tensor, " point"]
 ) -> Float[Tensor, "point observation"]:
     """Return the states that each point's member predicts."""
-    output = members.outputs[member, torch.arange(len(points))]
+    output = points.outputs(model)[member, torch.arange(len(points))]
     return model.features.decode(output, torch.from_numpy(points.observation))
 
 

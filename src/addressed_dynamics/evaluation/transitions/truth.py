@@ -13,6 +13,8 @@ from jaxtyping import Bool, Float32, Float64, Int64
 import addressed_dynamics.envs  # noqa: F401 - registers the environments that a params file may name
 from addressed_dynamics.base.errors import EvaluationError
 from addressed_dynamics.episodes.transitions import Dimension, Transitions
+from addressed_dynamics.features.common.samples import Dropped
+from addressed_dynamics.features.transitions.windows import shorter_episodes
 from addressed_dynamics.sources.transitions.params import EnvironmentRollouts, RecordedRollouts
 
 
@@ -33,6 +35,8 @@ class TrueRollouts:
     too_short: Mapping[str, int] = field(default_factory=dict)
     """Segments of the recording that no rollout is from, for want of a held-out episode that is long enough, each with
     the steps of its longest; 0 if there is none."""
+    dropped: Dropped = field(default_factory=Dropped)
+    """Held-out episodes that no rollout is from because they are shorter than one."""
 
     @property
     def steps(self) -> int:
@@ -49,6 +53,7 @@ class TrueRollouts:
             self.history_actions[rows],
             {name: members[rows] for name, members in self.groups.items()},
             self.too_short,
+            self.dropped,
         )
 
 
@@ -107,7 +112,8 @@ def replay_recorded(
     states = np.concatenate([history_states[:, -1:], test.next_observation[within]], axis=1)
     groups = _segment_groups([starts[start] for start in chosen.tolist()])
     too_short = {segment: length for segment, length in longest.items() if length < steps + history - 1}
-    return TrueRollouts(states, test.action[within], history_states, test.action[before], groups, too_short)
+    dropped = shorter_episodes(test, steps + history - 1)
+    return TrueRollouts(states, test.action[within], history_states, test.action[before], groups, too_short, dropped)
 
 
 def _equal_shares(

@@ -1,7 +1,9 @@
 """What training sees: inputs, targets and where they come from."""
 
 import hashlib
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import final
 
 import torch
 from jaxtyping import Float, Int64
@@ -11,10 +13,62 @@ from addressed_dynamics.base.errors import TransitionsError
 
 
 @dataclass(frozen=True)
+class Dropped:
+    """What of the data is left out, because its episodes are too short for what they are to be used for."""
+
+    episodes: int = 0
+    """Number of episodes."""
+    rows: int = 0
+    """Number of their rows."""
+
+
+BLOCK_ROWS = 8192
+"""Samples that are put together at once where all are looked at."""
+
+
+@final
+@dataclass(frozen=True)
+class Windows:
+    """Inputs that are consecutive frames side by side, put together when they are asked for.
+
+    Like a tensor (sample, input) as far as training reads one. Each frame is kept once, and not in every window that it
+    is part of.
+    """
+
+    frames: Float[Tensor, "row column"]
+    """Normalised frames of all rows; contiguous."""
+    last: Int64[Tensor, " sample"]
+    """The last row of each window; the others are those just before it."""
+    weights: Float[Tensor, "frame 1"]
+    """By what each frame of a window is multiplied, oldest first."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Number of samples, and of inputs."""
+        return len(self.last), len(self.weights) * self.frames.shape[1]
+
+    @property
+    def ndim(self) -> int:
+        """Number of dimensions: 2."""
+        return len(self.shape)
+
+    def __len__(self) -> int:
+        return len(self.last)
+
+    def __getitem__(self, samples: Int64[Tensor, "*batch"] | slice) -> Float[Tensor, "*batch input"]:
+        """Return the inputs of these samples."""
+        (rows, columns), history = self.frames.shape, len(self.weights)
+        # The windows as overlapping rows of the same memory: to gather these is as fast as if each had its own.
+        windows = self.frames.as_strided((max(rows - history + 1, 0), history * columns), (columns, 1))
+        found = windows[self.last[samples] - (history - 1)]
+        return (found.view(*found.shape[:-1], history, columns) * self.weights).flatten(start_dim=-2)
+
+
+@dataclass(frozen=True)
 class Samples:
     """Inputs and targets of a network, normalised, float32, one row a sample. Validated on construction."""
 
-    x: Float[Tensor, "sample input"]
+    x: Float[Tensor, "sample input"] | Windows
     """Normalised state and action."""
     y: Float[Tensor, "sample output"]
     """Normalised target."""
@@ -28,7 +82,8 @@ class Samples:
         if self.x.ndim != 2 or self.y.ndim != 2 or len(lengths) != 1:
             message = f"samples need x and y of two dimensions and equal lengths, but have lengths {sorted(lengths)}"
             raise TransitionsError(message)
-        if not (torch.isfinite(self.x).all() and torch.isfinite(self.y).all()):
+        x = self.x.frames if isinstance(self.x, Windows) else self.x
+        if not (torch.isfinite(x).all() and torch.isfinite(self.y).all()):
             message = "samples hold a value that is not finite"
             raise TransitionsError(message)
 
@@ -40,10 +95,17 @@ class Samples:
         return fingerprint(self.x, self.y)
 
 
-def fingerprint(*tensors: Tensor) -> str:
-    """Return a hash of the shapes and values of `tensors`."""
+def fingerprint(*tensors: Tensor | Windows) -> str:
+    """Return a hash of the shapes and values of `tensors`; windows count as the tensor that they stand for."""
     digest = hashlib.blake2b(digest_size=16)
     for tensor in tensors:
         digest.update(str(tuple(tensor.shape)).encode())
-        digest.update(tensor.contiguous().numpy().data)
+        whole = [tensor] if isinstance(tensor, Tensor) else _blocks(tensor)
+        for block in whole:
+            digest.update(block.contiguous().numpy().data)
     return digest.hexdigest()
+
+
+def _blocks(windows: Windows) -> Iterator[Float[Tensor, "sample input"]]:
+    for first in range(0, len(windows), BLOCK_ROWS):
+        yield windows[first : first + BLOCK_ROWS]

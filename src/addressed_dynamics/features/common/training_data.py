@@ -1,12 +1,13 @@
 """What networks are trained on, and how it was made."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Generic, Protocol, TypeVar
 
 from torch import Tensor
 
 from addressed_dynamics.features.common.augmentation import Augment
-from addressed_dynamics.features.common.samples import Samples
+from addressed_dynamics.features.common.samples import Dropped, Samples, Windows
 
 
 class AnyFeatures(Protocol):
@@ -48,8 +49,10 @@ class TrainingData(Generic[Features]):
     """What is done to batches before a network sees them; None for nothing."""
     phases: tuple[Tensor, Tensor] | None = field(default=None)
     """Phase of each training and of each validation sample, in [0, 1], if the data have phases."""
+    dropped: Mapping[str, Dropped] = field(default_factory=dict)
+    """What no sample is of, for want of frames, by split; empty where a sample is of one frame by its kind."""
 
     @property
-    def tensors(self) -> tuple[Tensor, ...]:
+    def tensors(self) -> tuple[Tensor | Windows, ...]:
         """Everything a training may see."""
         return self.train.x, self.train.y, self.validation.x, self.validation.y

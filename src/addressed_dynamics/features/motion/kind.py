@@ -27,6 +27,6 @@ def load_training_data(
     train, validation = load_motion(tables, "train"), load_motion(tables, "validation")
     spec = features if isinstance(features, MotionFeatures) else fit_motion_features(train, features)
     samples = spec.samples(train)
-    augment = MotionAugmentation(spec, samples.x, sections.features.augmentation) if augmented else None
+    augment = MotionAugmentation(spec, samples.x[:], sections.features.augmentation) if augmented else None
     phases = from_numpy(train.phase), from_numpy(validation.phase)
     return TrainingData(spec, samples, spec.samples(validation), augment, phases)

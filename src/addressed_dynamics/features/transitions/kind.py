@@ -5,6 +5,7 @@ from pathlib import Path
 from addressed_dynamics.episodes.parquet import load_transitions
 from addressed_dynamics.features.common.training_data import TrainingData
 from addressed_dynamics.features.transitions.spec import FeatureSpec, fit_features
+from addressed_dynamics.features.transitions.windows import shorter_episodes
 from addressed_dynamics.sources.transitions.params import ExperimentParams, FeatureParams
 
 FEATURES = FeatureSpec
@@ -24,4 +25,8 @@ def load_training_data(
     train = load_transitions(tables, split="train")
     validation = load_transitions(tables, split="validation")
     spec = features if isinstance(features, FeatureSpec) else fit_features(train, features)
-    return TrainingData(spec, spec.samples(train), spec.samples(validation))
+    dropped = {
+        split: shorter_episodes(part, spec.history)
+        for split, part in {"train": train, "validation": validation}.items()
+    }
+    return TrainingData(spec, spec.samples(train), spec.samples(validation), dropped=dropped)

@@ -11,18 +11,17 @@ from typing import Any, Literal
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Float64
 from torch import Tensor
 
 from addressed_dynamics.base.errors import ModelError, TransitionsError
+from addressed_dynamics.episodes.bounds import meant_bounds
 from addressed_dynamics.episodes.transitions import DiscreteAction, SpaceSpec, Transitions
-from addressed_dynamics.features.common.samples import Samples
+from addressed_dynamics.features.common.samples import Samples, Windows
 from addressed_dynamics.features.transitions.angles import velocity_from_angles, weighted_angle
-from addressed_dynamics.features.transitions.windows import check_lengths, window_rows, windows
+from addressed_dynamics.features.transitions.windows import check_lengths, window_rows
 from addressed_dynamics.sources.transitions.params import AngleParams, FeatureParams
 
-WIDEST_BOUNDS = 1e6
-"""Bounds that are more than so many times as far apart as the data bound nothing."""
 DEVIATION_FLOOR = 1e-6
 """Least standard deviation an input is divided by, as a share of the range of its dimension (or of 1): a constant
 column must not become a division by nearly nothing."""
@@ -188,7 +187,7 @@ class FeatureSpec:
         rows = torch.from_numpy(window_rows(transitions, self.history))
         frames = self._frames(observation, action)
         return Samples(
-            x=self.join(windows(frames, rows, self.history)),
+            x=frames[rows] if self.history == 1 else Windows(frames.contiguous(), rows, self._frame_weights),
             y=self.encode_target(observation[rows], torch.from_numpy(transitions.next_observation)[rows]),
             episode=torch.from_numpy(transitions.episode)[rows],
             step=torch.from_numpy(transitions.step.astype(np.int64))[rows],
@@ -345,15 +344,13 @@ def fit_features(train: Transitions, params: FeatureParams) -> FeatureSpec:
     )
 
 
-def _spread(spaces: SpaceSpec, observation: Float[np.ndarray, "sample state"]) -> Float[np.ndarray, " state"]:
+def _spread(spaces: SpaceSpec, observation: Float64[np.ndarray, "sample state"]) -> Float64[np.ndarray, " state"]:
     """Return the range of each dimension: by its bounds, if they say something about the data."""
-    bounds = np.array([(dimension.low, dimension.high) for dimension in spaces.observation])
-    found, bounded = np.ptp(observation, axis=0), np.isfinite(bounds).all(axis=1)
-    width = np.where(bounded, np.subtract(bounds[:, 1], bounds[:, 0], where=bounded, out=np.zeros(len(bounds))), 0.0)
-    # A constant column has no range to compare with; what is left is how far out it lies.
-    reach = np.where(found > 0, found, np.maximum(np.abs(observation).max(axis=0), 1.0))
-    meant = bounded & (width <= WIDEST_BOUNDS * reach)
-    return np.where(meant, width, found)
+    lowest, highest = observation.min(axis=0), observation.max(axis=0)
+    low, high = meant_bounds(spaces.observation, lowest, highest)
+    bounded = np.isfinite([low, high]).all(axis=0)
+    spread: Float64[np.ndarray, " state"] = np.subtract(high, low, where=bounded, out=highest - lowest)
+    return spread
 
 
 def predicted_dimensions(

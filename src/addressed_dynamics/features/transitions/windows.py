@@ -7,6 +7,7 @@ from torch import Tensor
 
 from addressed_dynamics.base.errors import TransitionsError
 from addressed_dynamics.episodes.transitions import Transitions
+from addressed_dynamics.features.common.samples import Dropped
 
 
 def window_rows(transitions: Transitions, history: int) -> Int64[np.ndarray, " sample"]:
@@ -15,6 +16,13 @@ def window_rows(transitions: Transitions, history: int) -> Int64[np.ndarray, " s
     for rows in transitions.episode_slices():
         place[rows] -= rows.start
     return np.flatnonzero(place >= history - 1).astype(np.int64)
+
+
+def shorter_episodes(transitions: Transitions, length: int) -> Dropped:
+    """Count the episodes that have fewer rows than `length`, and these rows."""
+    lengths = [rows.stop - rows.start for rows in transitions.episode_slices()]
+    short = [each for each in lengths if each < length]
+    return Dropped(len(short), sum(short))
 
 
 def check_lengths(transitions: Transitions, history: int) -> None:

@@ -241,11 +241,20 @@ class Delivered(Record):
     variant: str
 
 
+class Dropped(Record):
+    """Episodes that are left out because they are too short."""
+
+    episodes: int = 0
+    rows: int = 0
+
+
 class HeldOut(Record):
     """What was held out."""
 
     transitions: int
     episodes: int
+    dropped: Dropped = Dropped()
+    """Episodes shorter than the history of a model, which are not among these."""
 
 
 class RolloutSource(Record):
@@ -257,6 +266,8 @@ class RolloutSource(Record):
     """As many as the params file asks for; more than `steps` if no held-out episode is as long."""
     too_short: dict[str, int]
     """Segments of the recording that have no held-out episode as long, each with the steps of its longest."""
+    dropped: Dropped = Dropped()
+    """Held-out episodes that are shorter than a rollout with its history."""
     physics: RolloutPhysics | None
     """None if it was not asked for."""
 

@@ -10,6 +10,7 @@ from addressed_dynamics.reporting.common.blocks import Column, Row, Table
 from addressed_dynamics.reporting.common.numbers import MISSING, listed, percent, scientific, significant
 from addressed_dynamics.reporting.common.paper import PaperFigures
 from addressed_dynamics.reporting.common.records import (
+    Dropped,
     Evaluation,
     PhysicsResult,
     RolloutGroup,
@@ -194,6 +195,13 @@ def _rollout_source(evaluation: Evaluation) -> str:
     )
 
 
+def dropped_words(dropped: Dropped) -> str:
+    """Say how many held-out episodes are too short, at least one."""
+    if dropped.episodes == 1:
+        return f"one held-out episode of {dropped.rows:,} steps is too short"
+    return f"{dropped.episodes:,} held-out episodes with together {dropped.rows:,} steps are too short"
+
+
 def _shorter(source: RolloutSource) -> str:
     parts = [
         f"; there is none from {group_title(name)}, whose longest held-out episode has {longest:,} steps"
@@ -201,4 +209,6 @@ def _shorter(source: RolloutSource) -> str:
     ]
     if source.steps < source.steps_wanted:
         parts.insert(0, f"; the params file asks for {source.steps_wanted:,}, but no held-out episode is longer")
+    if source.dropped.episodes:
+        parts.append(f"; {dropped_words(source.dropped)} for a stretch")
     return "".join(parts)

@@ -24,7 +24,7 @@ from addressed_dynamics.reporting.common.records import (
     MemberResult,
 )
 from addressed_dynamics.reporting.common.targets import Target
-from addressed_dynamics.reporting.transitions.rollout_tables import median_mse, row_kind
+from addressed_dynamics.reporting.transitions.rollout_tables import dropped_words, median_mse, row_kind
 
 
 def target_table(targets: Sequence[Target], paper: PaperFigures | None, transitions: int) -> Table:
@@ -181,6 +181,8 @@ def one_step_table(evaluation: Evaluation, efforts: Mapping[str, Effort], paper:
         f"One step ahead, all candidates on the same {evaluation.test.transitions:,} held-out transitions. The first "
         f"line picks the best network with knowledge of the truth, so it bounds what addressing can reach. {COSTS}."
     )
+    if evaluation.test.dropped.episodes:
+        caption += f" Left out: {dropped_words(evaluation.test.dropped)} for the history that networks are given."
     if paper and paper.wide_network_fails and (wide := evaluation.baseline("wide")):
         caption += (
             " One network of three layers of 512 is the paper's own comparison, which it says was unable to learn the "

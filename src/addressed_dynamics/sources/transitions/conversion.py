@@ -18,6 +18,7 @@ from jaxtyping import Float64, UInt64
 from addressed_dynamics.base.errors import LogError, TableError
 from addressed_dynamics.base.files import atomic_path, write_json
 from addressed_dynamics.base.processes import OrderedMap, worker_processes
+from addressed_dynamics.episodes.bounds import display_range
 from addressed_dynamics.episodes.coverage import Occupancy, count_duplicates, first_duplicate, row_fingerprints
 from addressed_dynamics.episodes.findings import Finding, find, findings_to_json, refuse_useless
 from addressed_dynamics.episodes.imports import ImportRecord, read_import_record
@@ -249,9 +250,7 @@ def _jobs(
     summaries: Sequence[_LogSummary], episodes: Sequence[Episode], ranges: Moments, folder: Path, row_group_rows: int
 ) -> list[_Job]:
     splits = {episode.episode: episode.split for episode in episodes}
-    dimensions = summaries[0].spec.observation
-    low = np.array([dimension.low for dimension in dimensions])
-    high = np.array([dimension.high for dimension in dimensions])
+    low, high = display_range(summaries[0].spec.observation, ranges.minimum, ranges.maximum)
     fences = outlier_fences(summaries[0].spec, Sample.join([summary.sample for summary in summaries]))
     return [
         _Job(
@@ -260,8 +259,8 @@ def _jobs(
             target=folder / FOLDER,
             splits={record.episode: splits[record.episode] for record in summary.episodes},
             segment=summary.segment,
-            low=np.where(np.isfinite(low), low, ranges.minimum),
-            high=np.where(np.isfinite(high), high, ranges.maximum),
+            low=low,
+            high=high,
             fences=fences,
             row_group_rows=row_group_rows,
         )

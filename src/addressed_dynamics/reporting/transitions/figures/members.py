@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float, Int
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap, LogNorm
 
+from addressed_dynamics.episodes.bounds import display_range
 from addressed_dynamics.episodes.transitions import Dimension, DiscreteAction, SpaceSpec
 from addressed_dynamics.features.transitions.spec import Angle
 from addressed_dynamics.reporting.common.blocks import Figure, Panel
@@ -211,10 +212,8 @@ class _Plane:
 
     @staticmethod
     def of(states: Float[np.ndarray, "sample 2"], dimensions: tuple[Dimension, ...]) -> _Plane:
-        """Span the plane between the bounds, and between the data where a bound is infinite."""
-        low, high = np.array([(dimension.low, dimension.high) for dimension in dimensions]).T
-        low = np.where(np.isfinite(low), low, states.min(axis=0))
-        high = np.where(np.isfinite(high), high, states.max(axis=0))
+        """Span the plane between the bounds, and between the data where a bound says nothing about them."""
+        low, high = display_range(dimensions, states.min(axis=0), states.max(axis=0))
         return _Plane(dimensions, low, np.where(high > low, high, low + 1.0))
 
     def cells(self, states: Float[np.ndarray, "row 2"]) -> tuple[Int[np.ndarray, " row"], Int[np.ndarray, " row"]]:
