@@ -16,8 +16,8 @@ from addressed_dynamics.base.params.training import AddressingParams, EnsemblePa
 from addressed_dynamics.episodes.transitions import ContinuousAction, SpaceSpec
 from addressed_dynamics.evaluation.common.specialisation import specialisation
 from addressed_dynamics.evaluation.transitions.physics import SIMULATIONS
+from addressed_dynamics.evaluation.transitions.records import Evaluation, Recipe
 from addressed_dynamics.features.transitions.spec import Angle, FeatureSpec, predicted_dimensions
-from addressed_dynamics.reporting.common.records import Evaluation, Recipe
 from addressed_dynamics.reporting.transitions.origin import Origin
 
 OTHERS = ("total_parameters/seed-0", "wide/seed-0", "unequal_bins/seed-0", "random_bins/seed-0")

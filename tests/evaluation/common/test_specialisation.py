@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from addressed_dynamics.base.errors import EvaluationError
+from addressed_dynamics.evaluation.common.records import Specialisation
 from addressed_dynamics.evaluation.common.specialisation import specialisation
-from addressed_dynamics.reporting.common.records import Specialisation
 
 
 def example(members: int, samples: int, seed: int) -> tuple[Tensor, Tensor]:

@@ -19,6 +19,7 @@ from addressed_dynamics.evaluation.transitions.candidates import (
 )
 from addressed_dynamics.evaluation.transitions.one_step import predict_all
 from addressed_dynamics.evaluation.transitions.points import Points
+from addressed_dynamics.evaluation.transitions.records import OtherRecipe
 from addressed_dynamics.evaluation.transitions.suite import (
     evaluate_candidate,
     evaluate_other_recipe,
@@ -27,7 +28,6 @@ from addressed_dynamics.evaluation.transitions.suite import (
 from addressed_dynamics.networks import stacked
 from addressed_dynamics.networks.files import SavedNetwork, save_network
 from addressed_dynamics.networks.stacked import StackedMLP
-from addressed_dynamics.reporting.common.records import OtherRecipe
 from addressed_dynamics.simulators.addressed import AddressedDynamics
 
 WORLD = drive()

@@ -16,10 +16,10 @@ from addressed_dynamics.episodes.transitions import DiscreteAction, SpaceSpec
 from addressed_dynamics.reporting.common.animation.film import GAP, HEAD, SIDE, film
 from addressed_dynamics.reporting.common.animation.scenes import Scene
 from addressed_dynamics.reporting.common.blocks import Panel
-from addressed_dynamics.reporting.common.results import Arrays
 from addressed_dynamics.reporting.transitions.animation.acrobot import ACROBOT
 from addressed_dynamics.reporting.transitions.animation.mountain_car import MOUNTAIN_CAR
 from addressed_dynamics.reporting.transitions.animation.rollouts import animations, scene_of
+from addressed_dynamics.reporting.transitions.results import Arrays
 
 
 def course(scene: Scene, steps: int) -> Any:

@@ -6,7 +6,7 @@ import pytest
 from report_examples import FILES, write_results
 
 from addressed_dynamics.base.errors import ReportError
-from addressed_dynamics.reporting.common.results import load_results
+from addressed_dynamics.reporting.transitions.results import load_results
 
 
 def refusal(folder: Path) -> str:

@@ -13,8 +13,8 @@ from report_examples import FILES
 from addressed_dynamics.base.params.training import AddressingParams, EnsembleParams
 from addressed_dynamics.episodes.layout import JOINTS, OUTPUT
 from addressed_dynamics.evaluation.common.specialisation import specialisation
+from addressed_dynamics.evaluation.motion.records import MotionEvaluation
 from addressed_dynamics.reporting.motion.origin import MotionOrigin
-from addressed_dynamics.reporting.motion.records import MotionEvaluation
 from addressed_dynamics.sources.motion.params import MotionFeatureParams
 
 FRAMES = 40

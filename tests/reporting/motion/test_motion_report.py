@@ -20,6 +20,7 @@ from motion_report_examples import (
     write_results,
 )
 
+from addressed_dynamics.evaluation.motion.records import MotionEvaluation
 from addressed_dynamics.reporting.common.blocks import Report, Table, Text
 from addressed_dynamics.reporting.common.comparison import Effort
 from addressed_dynamics.reporting.common.render import render_html, render_markdown
@@ -34,7 +35,6 @@ from addressed_dynamics.reporting.motion.figures.closed_loop import told
 from addressed_dynamics.reporting.motion.figures.films import write_motion_scene
 from addressed_dynamics.reporting.motion.loop_tables import loop_table
 from addressed_dynamics.reporting.motion.recorded import MotionData, data_blocks
-from addressed_dynamics.reporting.motion.records import MotionEvaluation
 from addressed_dynamics.reporting.motion.results import MotionResults, load_motion_results
 from addressed_dynamics.reporting.motion.tables import one_step_table
 from addressed_dynamics.reporting.motion.targets import judge_targets

@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from motion_report_examples import OWN, candidate, evaluation
 
+from addressed_dynamics.evaluation.motion.records import MotionEvaluation
 from addressed_dynamics.reporting.motion.comparison import compare, outcome, rank_correlation
-from addressed_dynamics.reporting.motion.records import MotionEvaluation
 from addressed_dynamics.reporting.motion.targets import judge_targets
 from addressed_dynamics.reporting.motion.verdict import findings, verdict
 

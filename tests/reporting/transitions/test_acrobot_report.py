@@ -22,20 +22,21 @@ from report_examples import (
 )
 
 from addressed_dynamics.base.errors import ReportError
+from addressed_dynamics.evaluation.common.records import BaselineLosses, Specialisations
+from addressed_dynamics.evaluation.transitions.records import Evaluation
 from addressed_dynamics.features.transitions.spec import Angle
 from addressed_dynamics.reporting.common.blocks import Figure, Table
 from addressed_dynamics.reporting.common.comparison import Effort
 from addressed_dynamics.reporting.common.figures.histograms import loss_histograms, output_histograms
 from addressed_dynamics.reporting.common.figures.specialisation import mean_losses, samples_by_member
-from addressed_dynamics.reporting.common.paper import PAPER, AngleFigures
-from addressed_dynamics.reporting.common.records import BaselineLosses, Evaluation, Specialisations
 from addressed_dynamics.reporting.common.render import render_markdown
-from addressed_dynamics.reporting.common.results import Arrays, load_results
-from addressed_dynamics.reporting.common.targets import judge_targets
 from addressed_dynamics.reporting.transitions.claims import claims_table, specialists_table
 from addressed_dynamics.reporting.transitions.document import build_report, headline
 from addressed_dynamics.reporting.transitions.figures.members import loss_profiles, state_maps
+from addressed_dynamics.reporting.transitions.paper import PAPER, AngleFigures
+from addressed_dynamics.reporting.transitions.results import Arrays, load_results
 from addressed_dynamics.reporting.transitions.tables import target_table
+from addressed_dynamics.reporting.transitions.targets import judge_targets
 from addressed_dynamics.reporting.transitions.verdict import findings, verdict
 
 PAPER_SCALE, QUICK = 200_000, 50_000

@@ -20,13 +20,13 @@ from report_examples import (
 
 from addressed_dynamics.base.errors import ReportError
 from addressed_dynamics.base.params.training import AddressingParams
+from addressed_dynamics.evaluation.transitions.records import Evaluation
 from addressed_dynamics.reporting.common.blocks import Facts, Table
-from addressed_dynamics.reporting.common.paper import PAPER, PaperFigures
-from addressed_dynamics.reporting.common.records import Evaluation
-from addressed_dynamics.reporting.common.results import load_results
-from addressed_dynamics.reporting.common.settings import SETTINGS
 from addressed_dynamics.reporting.transitions.origin import run_facts
+from addressed_dynamics.reporting.transitions.paper import PAPER, PaperFigures
 from addressed_dynamics.reporting.transitions.recipes import recipes_finding, recipes_table
+from addressed_dynamics.reporting.transitions.results import load_results
+from addressed_dynamics.reporting.transitions.settings import SETTINGS
 from addressed_dynamics.reporting.transitions.tables import one_step_table
 from addressed_dynamics.reporting.transitions.verdict import findings
 

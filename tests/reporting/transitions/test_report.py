@@ -13,13 +13,13 @@ from report_examples import DATA, FILES, origin, write_results
 
 from addressed_dynamics.episodes.transitions import ContinuousAction, Dimension, SpaceSpec
 from addressed_dynamics.reporting.common.blocks import Block, Report, Table, Text
-from addressed_dynamics.reporting.common.paper import PAPER
-from addressed_dynamics.reporting.common.records import DataResult
 from addressed_dynamics.reporting.common.render import render_html, render_markdown, write_report
-from addressed_dynamics.reporting.common.results import load_results
 from addressed_dynamics.reporting.common.runs import run_blocks
 from addressed_dynamics.reporting.transitions.document import build_report, headline
+from addressed_dynamics.reporting.transitions.paper import PAPER
 from addressed_dynamics.reporting.transitions.quality import quality_blocks
+from addressed_dynamics.reporting.transitions.recorded import DataResult
+from addressed_dynamics.reporting.transitions.results import load_results
 
 CAR_PAPER = PAPER["mountaincar"]
 PENDULUM = SpaceSpec(

@@ -7,10 +7,10 @@ import numpy as np
 from acrobot_recordings import acrobot_spaces
 from report_examples import OTHERS, evaluation, evaluation_json, horizon_rows
 
+from addressed_dynamics.evaluation.transitions.records import Evaluation, RolloutPhysics
 from addressed_dynamics.reporting.common.numbers import scientific
-from addressed_dynamics.reporting.common.paper import PAPER
-from addressed_dynamics.reporting.common.records import Evaluation, RolloutPhysics
 from addressed_dynamics.reporting.transitions.figures.physics import angles_and_energy
+from addressed_dynamics.reporting.transitions.paper import PAPER
 from addressed_dynamics.reporting.transitions.rollout_tables import energy_table, lost_table, rollout_tables
 from addressed_dynamics.reporting.transitions.tables import one_step_table
 from addressed_dynamics.reporting.transitions.verdict import findings

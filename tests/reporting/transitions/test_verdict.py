@@ -5,10 +5,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from report_examples import candidate, evaluation, evaluation_json, table
 
+from addressed_dynamics.evaluation.transitions.records import Evaluation
 from addressed_dynamics.reporting.common.comparison import relate
-from addressed_dynamics.reporting.common.paper import PAPER
-from addressed_dynamics.reporting.common.records import Evaluation
-from addressed_dynamics.reporting.common.targets import Target, judge_targets
+from addressed_dynamics.reporting.common.targets import Target
+from addressed_dynamics.reporting.transitions.paper import PAPER
+from addressed_dynamics.reporting.transitions.targets import judge_targets
 from addressed_dynamics.reporting.transitions.verdict import findings, verdict
 
 CAR_PAPER = PAPER["mountaincar"]

@@ -10,9 +10,9 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float64
 
+from addressed_dynamics.evaluation.motion.records import Candidate, MotionEvaluation
 from addressed_dynamics.reporting.common.comparison import relate
 from addressed_dynamics.reporting.common.numbers import listed, significant
-from addressed_dynamics.reporting.motion.records import Candidate, MotionEvaluation
 
 SCORE_MARGIN = 0.02
 """A closed-loop score counts as higher than another if it is so by more than this, from every seed."""

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from statistics import median
 
+from addressed_dynamics.evaluation.common.records import BaselineLosses
+from addressed_dynamics.evaluation.motion.records import ENSEMBLE, MotionEvaluation
 from addressed_dynamics.reporting.common.blocks import Block, Report, Section, Text
 from addressed_dynamics.reporting.common.comparison import baseline_efforts, ensemble_effort
 from addressed_dynamics.reporting.common.figures import curves, histograms, specialisation
-from addressed_dynamics.reporting.common.records import BaselineLosses
 from addressed_dynamics.reporting.common.runs import run_blocks
 from addressed_dynamics.reporting.motion import loop_tables, tables
 from addressed_dynamics.reporting.motion.figures import addressing, closed_loop, films, one_step
 from addressed_dynamics.reporting.motion.origin import MotionOrigin, run_facts
 from addressed_dynamics.reporting.motion.paper import SOURCES
 from addressed_dynamics.reporting.motion.recorded import data_blocks
-from addressed_dynamics.reporting.motion.records import ENSEMBLE, MotionEvaluation
 from addressed_dynamics.reporting.motion.results import MotionResults
 from addressed_dynamics.reporting.motion.targets import judge_targets, target_table
 from addressed_dynamics.reporting.motion.verdict import findings, verdict

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from statistics import median
 
+from addressed_dynamics.evaluation.motion.records import Candidate, MotionEvaluation
 from addressed_dynamics.reporting.common.numbers import listed, percent, significant
 from addressed_dynamics.reporting.motion.comparison import (
     middle,
@@ -15,7 +16,6 @@ from addressed_dynamics.reporting.motion.comparison import (
 )
 from addressed_dynamics.reporting.motion.models import UNTRAINED, model_style
 from addressed_dynamics.reporting.motion.paper import PAPER_OWN, PAPER_PFNN
-from addressed_dynamics.reporting.motion.records import Candidate, MotionEvaluation
 from addressed_dynamics.reporting.motion.targets import expected_limb_speed
 
 TELLING = 0.3

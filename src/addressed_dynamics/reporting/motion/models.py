@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from addressed_dynamics.evaluation.motion.records import ENSEMBLE, MotionEvaluation
 from addressed_dynamics.reporting.common.figures.style import FAINT, INK
-from addressed_dynamics.reporting.motion.records import ENSEMBLE, MotionEvaluation
 
 OWN = "addressed ensemble"
 """Title of the delivered model."""

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 from addressed_dynamics.base.params.training import AddressingParams, EnsembleParams
+from addressed_dynamics.evaluation.motion.records import Delivered
 from addressed_dynamics.reporting.common.blocks import Facts
 from addressed_dynamics.reporting.common.numbers import listed, percent
 from addressed_dynamics.reporting.common.settings import addressing_words, bins_words, optimiser_words, subnetwork_words
-from addressed_dynamics.reporting.motion.records import Delivered
 from addressed_dynamics.sources.motion.params import AugmentationParams, MotionFeatureParams
 
 TARGETS = {

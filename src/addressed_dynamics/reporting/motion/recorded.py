@@ -8,9 +8,9 @@ from typing import Any
 from pydantic import Field
 
 from addressed_dynamics.episodes.layout import FRAME_RATE
+from addressed_dynamics.evaluation.common.records import Record
 from addressed_dynamics.reporting.common.blocks import Block, Column, Row, Table, Text
 from addressed_dynamics.reporting.common.numbers import MISSING, count, listed, percent, significant
-from addressed_dynamics.reporting.common.records import Record
 
 MOST_CLIPS = 40
 """Clips up to which each has a line of its own."""

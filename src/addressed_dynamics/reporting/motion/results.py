@@ -11,10 +11,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from addressed_dynamics.base.errors import ReportError
-from addressed_dynamics.reporting.common.records import AddressingTrainings
-from addressed_dynamics.reporting.common.results import Columns, missing_file, read_csv, read_json
+from addressed_dynamics.evaluation.motion.records import MotionEvaluation
+from addressed_dynamics.reporting.common.reading import missing_file, read_json
+from addressed_dynamics.reporting.common.trainings import Trainings, read_trainings
 from addressed_dynamics.reporting.motion.recorded import MotionData
-from addressed_dynamics.reporting.motion.records import MotionEvaluation
 
 
 @dataclass(frozen=True)
@@ -54,16 +54,11 @@ class MotionArrays:
 
 
 @dataclass(frozen=True)
-class MotionResults:
+class MotionResults(Trainings):
     """All that a report is made from."""
 
     data: MotionData
     evaluation: MotionEvaluation
-    addressing: AddressingTrainings
-    baselines: dict[str, dict[str, float]]
-    """baselines.json: last metrics of each baseline, with `parameters`, `updates` and, if known, `samples`."""
-    ensemble_curves: Mapping[str, Columns]
-    addressing_curves: Mapping[str, Columns]
     arrays: MotionArrays
 
 
@@ -83,14 +78,9 @@ def load_motion_results(figures: Path, evaluation: Path) -> MotionResults:
         message = f"{evaluation / 'arrays.npz'}: there is nothing of {found.own_name}; run evaluate again"
         raise ReportError(message)
     return MotionResults(
+        **read_trainings(figures),
         data=read_json(figures / "convert" / "data.json", MotionData),
         evaluation=found,
-        addressing=read_json(figures / "addressing" / "addressing.json", AddressingTrainings),
-        baselines=read_json(figures / "baselines" / "baselines.json", dict[str, dict[str, float]]),
-        ensemble_curves=read_csv(figures / "ensemble" / "ensemble.csv", by="training", needed=("epoch", "loss/train")),
-        addressing_curves=read_csv(
-            figures / "addressing" / "addressing.csv", by="training", needed=("epoch", "agreement")
-        ),
         arrays=arrays,
     )
 

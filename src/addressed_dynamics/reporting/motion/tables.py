@@ -6,13 +6,13 @@ from collections.abc import Mapping, Sequence
 from statistics import median
 
 from addressed_dynamics.episodes.layout import FRAME_RATE
+from addressed_dynamics.evaluation.motion.records import ENSEMBLE, Candidate, MotionEvaluation, PhaseUse
 from addressed_dynamics.reporting.common.blocks import Column, Row, Table
 from addressed_dynamics.reporting.common.comparison import COST_COLUMNS, COSTS, Effort, cost_cells
 from addressed_dynamics.reporting.common.numbers import MISSING, count, percent, significant
 from addressed_dynamics.reporting.motion.models import OWN, UNTRAINED, main_models, model_style
 from addressed_dynamics.reporting.motion.paper import PAPER_OWN, PAPER_PFNN, PAPER_ROWS
 from addressed_dynamics.reporting.motion.recorded import SPLITS
-from addressed_dynamics.reporting.motion.records import ENSEMBLE, Candidate, MotionEvaluation, PhaseUse
 
 LEAKY = "rows"
 """The split whose frames are near copies of what was trained on."""

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from statistics import median
 
 from addressed_dynamics.evaluation.motion.closed_loop.judging import ALIVE_SHARE
+from addressed_dynamics.evaluation.motion.records import Candidate, MotionEvaluation
 from addressed_dynamics.reporting.common.blocks import Column, Row, Table
 from addressed_dynamics.reporting.common.numbers import MISSING, percent, significant
 from addressed_dynamics.reporting.common.targets import Target
 from addressed_dynamics.reporting.motion.comparison import middle, normalised_error, raw_error, score_of
-from addressed_dynamics.reporting.motion.records import Candidate, MotionEvaluation
 
 LIMB_FACTOR = 1.5
 """Limbs move as in recorded motion if their speed is within this factor of it, up or down."""

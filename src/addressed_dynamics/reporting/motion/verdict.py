@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from addressed_dynamics.evaluation.motion.records import MotionEvaluation
 from addressed_dynamics.reporting.common.comparison import MARGIN
 from addressed_dynamics.reporting.common.numbers import in_words, percent, significant
 from addressed_dynamics.reporting.common.targets import Target
@@ -19,7 +20,6 @@ from addressed_dynamics.reporting.motion.findings import (
     unseen_gaits,
 )
 from addressed_dynamics.reporting.motion.models import CLOSEST
-from addressed_dynamics.reporting.motion.records import MotionEvaluation
 
 IN_SENTENCES = {
     "phase_functioned": "the PFNN trained here",

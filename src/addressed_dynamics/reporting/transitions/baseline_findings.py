@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from statistics import median
 
-from addressed_dynamics.reporting.common.comparison import Comparison, beats, compare, details, spread_over_seeds
+from addressed_dynamics.evaluation.transitions.records import CandidateResult, Evaluation
 from addressed_dynamics.reporting.common.figures.style import model_style
 from addressed_dynamics.reporting.common.numbers import in_words, listed, scientific, times
-from addressed_dynamics.reporting.common.paper import PaperFigures
-from addressed_dynamics.reporting.common.records import CandidateResult, Evaluation
+from addressed_dynamics.reporting.transitions.comparison import Comparison, beats, compare, details, spread_over_seeds
+from addressed_dynamics.reporting.transitions.paper import PaperFigures
 from addressed_dynamics.reporting.transitions.recipes import recipes_finding
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from statistics import mean
 
+from addressed_dynamics.evaluation.transitions.records import CandidateResult, DimensionResult, Evaluation
 from addressed_dynamics.reporting.common.blocks import Column, Row, Table
 from addressed_dynamics.reporting.common.comparison import COST_COLUMNS, COSTS, Effort, cost_cells
 from addressed_dynamics.reporting.common.numbers import MISSING, power_of_ten, scientific
-from addressed_dynamics.reporting.common.paper import AngleFigures
-from addressed_dynamics.reporting.common.records import CandidateResult, DimensionResult, Evaluation
+from addressed_dynamics.reporting.transitions.paper import AngleFigures
 
 
 def claims_table(evaluation: Evaluation, angles: AngleFigures) -> Table:

@@ -6,18 +6,19 @@ from addressed_dynamics.reporting.common.blocks import Block, Report, Section, T
 from addressed_dynamics.reporting.common.comparison import Effort, baseline_efforts, ensemble_effort
 from addressed_dynamics.reporting.common.figures import curves, histograms, specialisation
 from addressed_dynamics.reporting.common.numbers import listed, percent, scientific
-from addressed_dynamics.reporting.common.paper import CITATION, PaperFigures
-from addressed_dynamics.reporting.common.results import Results
+from addressed_dynamics.reporting.common.paper import CITATION
 from addressed_dynamics.reporting.common.runs import run_blocks
-from addressed_dynamics.reporting.common.targets import judge_targets
 from addressed_dynamics.reporting.transitions import rollout_tables, tables
 from addressed_dynamics.reporting.transitions.animation.rollouts import animations
 from addressed_dynamics.reporting.transitions.claims import claims_table, specialists_table
 from addressed_dynamics.reporting.transitions.figures import comparison, episodes, members, physics
 from addressed_dynamics.reporting.transitions.figures.angles import angle_forms
 from addressed_dynamics.reporting.transitions.origin import Origin, run_facts
+from addressed_dynamics.reporting.transitions.paper import PaperFigures
 from addressed_dynamics.reporting.transitions.quality import quality_blocks
 from addressed_dynamics.reporting.transitions.recipes import recipes_table
+from addressed_dynamics.reporting.transitions.results import Results
+from addressed_dynamics.reporting.transitions.targets import judge_targets
 from addressed_dynamics.reporting.transitions.verdict import findings, verdict
 
 

@@ -9,12 +9,12 @@ from jaxtyping import Float32
 from addressed_dynamics.base.params.training import AddressingParams, EnsembleParams
 from addressed_dynamics.features.transitions.spec import FeatureSpec
 from addressed_dynamics.networks.files import load_network
-from addressed_dynamics.reporting.common.paper import PAPER
 from addressed_dynamics.reporting.common.render import write_report
-from addressed_dynamics.reporting.common.results import Arrays, load_results
 from addressed_dynamics.reporting.common.written import Subject, Written
 from addressed_dynamics.reporting.transitions.document import build_report, headline
 from addressed_dynamics.reporting.transitions.origin import Origin
+from addressed_dynamics.reporting.transitions.paper import PAPER
+from addressed_dynamics.reporting.transitions.results import Arrays, load_results
 from addressed_dynamics.simulators.addressed import AddressedDynamics
 from addressed_dynamics.simulators.portable import PortableDynamics
 

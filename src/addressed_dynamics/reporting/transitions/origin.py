@@ -9,19 +9,12 @@ from typing import Literal
 import numpy as np
 
 from addressed_dynamics.base.params.training import AddressingParams, EnsembleParams
+from addressed_dynamics.evaluation.transitions.records import Recipe
 from addressed_dynamics.features.transitions.spec import FeatureSpec
 from addressed_dynamics.reporting.common.blocks import Facts
 from addressed_dynamics.reporting.common.numbers import listed
-from addressed_dynamics.reporting.common.records import Recipe
-from addressed_dynamics.reporting.common.settings import (
-    addressing_words,
-    angle_sentence,
-    bins_words,
-    frames_words,
-    optimiser_words,
-    subnetwork_words,
-    target_words,
-)
+from addressed_dynamics.reporting.common.settings import addressing_words, bins_words, optimiser_words, subnetwork_words
+from addressed_dynamics.reporting.transitions.settings import angle_sentence, frames_words, target_words
 
 
 @dataclass(frozen=True)

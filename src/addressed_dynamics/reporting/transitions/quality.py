@@ -6,7 +6,7 @@ from pathlib import PurePath
 
 from addressed_dynamics.reporting.common.blocks import Block, Column, Row, Table, Text
 from addressed_dynamics.reporting.common.numbers import MISSING, count, percent, scientific
-from addressed_dynamics.reporting.common.records import DataResult, FindingResult, ImportResult, PlaceResult
+from addressed_dynamics.reporting.transitions.recorded import DataResult, FindingResult, ImportResult, PlaceResult
 
 FILES_SHOWN = 6
 """Imported files up to which each has a column of its own."""

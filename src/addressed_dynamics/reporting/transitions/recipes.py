@@ -4,21 +4,20 @@ from __future__ import annotations
 
 from statistics import mean
 
-from addressed_dynamics.reporting.common.blocks import Column, Row, Table
-from addressed_dynamics.reporting.common.comparison import beats, compare, details
-from addressed_dynamics.reporting.common.numbers import MISSING, percent, scientific
-from addressed_dynamics.reporting.common.records import (
+from addressed_dynamics.evaluation.common.records import Specialisation, Specialisations
+from addressed_dynamics.evaluation.transitions.records import (
     CandidateResult,
     DimensionResult,
     Evaluation,
     OneStepResult,
     Recipe,
     RolloutResult,
-    Specialisation,
-    Specialisations,
 )
-from addressed_dynamics.reporting.common.settings import SETTINGS
+from addressed_dynamics.reporting.common.blocks import Column, Row, Table
+from addressed_dynamics.reporting.common.numbers import MISSING, percent, scientific
+from addressed_dynamics.reporting.transitions.comparison import beats, compare, details
 from addressed_dynamics.reporting.transitions.rollout_tables import median_mse, seconds
+from addressed_dynamics.reporting.transitions.settings import SETTINGS
 from addressed_dynamics.sources.transitions.params import AngleParams
 
 TITLES = {"default_recipe": "the default recipe", "paper_recipe": "the paper's recipe"}

@@ -4,13 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
+from addressed_dynamics.evaluation.common.records import Dropped
 from addressed_dynamics.evaluation.transitions.physics import ROUNDING, TRUTH, TWIN
-from addressed_dynamics.evaluation.transitions.rollouts import LEFT_BOUNDS_TOLERANCE
-from addressed_dynamics.reporting.common.blocks import Column, Row, Table
-from addressed_dynamics.reporting.common.numbers import MISSING, listed, percent, scientific, significant
-from addressed_dynamics.reporting.common.paper import PaperFigures
-from addressed_dynamics.reporting.common.records import (
-    Dropped,
+from addressed_dynamics.evaluation.transitions.records import (
     Evaluation,
     PhysicsResult,
     RolloutGroup,
@@ -19,6 +15,10 @@ from addressed_dynamics.reporting.common.records import (
     RolloutSource,
     SimulationResult,
 )
+from addressed_dynamics.evaluation.transitions.rollouts import LEFT_BOUNDS_TOLERANCE
+from addressed_dynamics.reporting.common.blocks import Column, Row, Table
+from addressed_dynamics.reporting.common.numbers import MISSING, listed, percent, scientific, significant
+from addressed_dynamics.reporting.transitions.paper import PaperFigures
 
 MOST_COLUMNS = 8
 """Errors that stand side by side; where there are more, each group of rollouts has a table of its own."""

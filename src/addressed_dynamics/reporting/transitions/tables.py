@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from addressed_dynamics.evaluation.transitions.records import AddressingResult, Evaluation, MemberResult
 from addressed_dynamics.reporting.common.blocks import Column, Row, Table
 from addressed_dynamics.reporting.common.comparison import COST_COLUMNS, COSTS, Effort, cost_cells
 from addressed_dynamics.reporting.common.numbers import (
@@ -16,14 +17,9 @@ from addressed_dynamics.reporting.common.numbers import (
     scientific,
     significant,
 )
-from addressed_dynamics.reporting.common.paper import AngleFigures, PaperFigures
-from addressed_dynamics.reporting.common.records import (
-    AddressingResult,
-    DataResult,
-    Evaluation,
-    MemberResult,
-)
 from addressed_dynamics.reporting.common.targets import Target
+from addressed_dynamics.reporting.transitions.paper import AngleFigures, PaperFigures
+from addressed_dynamics.reporting.transitions.recorded import DataResult
 from addressed_dynamics.reporting.transitions.rollout_tables import dropped_words, median_mse, row_kind
 
 

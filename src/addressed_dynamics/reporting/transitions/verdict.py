@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from statistics import mean
 
-from addressed_dynamics.reporting.common.comparison import MARGIN, MOST_NUMBERS, beats, compare
+from addressed_dynamics.evaluation.transitions.records import AddressingResult, Evaluation
+from addressed_dynamics.reporting.common.comparison import MARGIN
 from addressed_dynamics.reporting.common.numbers import (
     in_words,
     listed,
@@ -15,11 +16,12 @@ from addressed_dynamics.reporting.common.numbers import (
     significant,
     times,
 )
-from addressed_dynamics.reporting.common.paper import AngleFigures, PaperFigures
-from addressed_dynamics.reporting.common.records import AddressingResult, Evaluation
-from addressed_dynamics.reporting.common.targets import Target, separation
+from addressed_dynamics.reporting.common.targets import Target
 from addressed_dynamics.reporting.transitions.baseline_findings import baseline_findings
+from addressed_dynamics.reporting.transitions.comparison import MOST_NUMBERS, beats, compare
+from addressed_dynamics.reporting.transitions.paper import AngleFigures, PaperFigures
 from addressed_dynamics.reporting.transitions.rollout_tables import lost_sentence
+from addressed_dynamics.reporting.transitions.targets import separation
 
 
 def verdict(evaluation: Evaluation, targets: Sequence[Target], paper: PaperFigures | None) -> str:

@@ -22,7 +22,7 @@ from addressed_dynamics.reporting.common.figures.style import (
     positive,
 )
 from addressed_dynamics.reporting.common.numbers import listed
-from addressed_dynamics.reporting.common.results import Columns
+from addressed_dynamics.reporting.common.reading import Columns
 
 WINDOW = 50
 """Episodes over which a return is averaged."""

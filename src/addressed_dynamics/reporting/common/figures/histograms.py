@@ -7,11 +7,11 @@ from functools import partial
 import numpy as np
 from matplotlib.figure import Figure as Canvas
 
+from addressed_dynamics.evaluation.common.records import Specialisation, Specialisations
 from addressed_dynamics.reporting.common.blocks import Figure
 from addressed_dynamics.reporting.common.figures.specialisation import OF_STATES, Words, both_splits, splits
 from addressed_dynamics.reporting.common.figures.style import logarithmic, member_colour
 from addressed_dynamics.reporting.common.numbers import percent, scientific
-from addressed_dynamics.reporting.common.records import Specialisation, Specialisations
 
 SURE = 0.95
 """From this output on the addressing network counts as sure of a network."""

@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 from matplotlib.patches import Patch
 
+from addressed_dynamics.evaluation.common.records import BaselineLosses, Specialisation, Specialisations
 from addressed_dynamics.reporting.common.blocks import Figure, Panel
 from addressed_dynamics.reporting.common.figures.style import (
     FAINT,
@@ -24,7 +25,6 @@ from addressed_dynamics.reporting.common.figures.style import (
     positive,
 )
 from addressed_dynamics.reporting.common.numbers import percent, scientific
-from addressed_dynamics.reporting.common.records import BaselineLosses, Specialisation, Specialisations
 
 SPLITS = ("train", "test")
 """The splits that stand side by side."""

@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 
+from addressed_dynamics.evaluation.motion.records import Addressing, PhaseUse, SplitAddressing
 from addressed_dynamics.reporting.common.blocks import Figure
 from addressed_dynamics.reporting.common.figures.style import member_colour, member_legend, picture
 from addressed_dynamics.reporting.common.numbers import percent
-from addressed_dynamics.reporting.motion.records import Addressing, PhaseUse, SplitAddressing
 
 TITLES = {"train": "training frames", "test": "held-out clips"}
 """The splits, one below the other."""

@@ -13,12 +13,12 @@ from matplotlib.figure import Figure as Canvas
 
 from addressed_dynamics.episodes.layout import FRAME_RATE
 from addressed_dynamics.evaluation.motion.closed_loop.commands import Kind, Script, standard_script
+from addressed_dynamics.evaluation.motion.records import MotionEvaluation
 from addressed_dynamics.reporting.common.blocks import Figure
 from addressed_dynamics.reporting.common.figures.style import FAINT, panel, picture
 from addressed_dynamics.reporting.motion.comparison import score_of
 from addressed_dynamics.reporting.motion.loop_tables import score_words
 from addressed_dynamics.reporting.motion.models import main_models, model_style
-from addressed_dynamics.reporting.motion.records import MotionEvaluation
 from addressed_dynamics.reporting.motion.results import Loop, MotionArrays
 from addressed_dynamics.reporting.motion.targets import expected_limb_speed
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from addressed_dynamics.episodes.layout import FRAME_RATE
+from addressed_dynamics.evaluation.motion.records import MotionEvaluation
 from addressed_dynamics.reporting.common.blocks import Figure, Panel
 from addressed_dynamics.reporting.motion.actors import Actor
 from addressed_dynamics.reporting.motion.animation.skeleton import SECONDS, skeleton_film
 from addressed_dynamics.reporting.motion.figures.closed_loop import told
 from addressed_dynamics.reporting.motion.models import main_models, model_style
-from addressed_dynamics.reporting.motion.records import MotionEvaluation
 from addressed_dynamics.reporting.motion.results import MotionArrays
 from addressed_dynamics.reporting.motion.scene_log import write_scene
 

@@ -10,12 +10,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 
 from addressed_dynamics.episodes.layout import FRAME_RATE
+from addressed_dynamics.evaluation.motion.records import MotionEvaluation
 from addressed_dynamics.evaluation.motion.suite import SHOWN_JOINTS
 from addressed_dynamics.reporting.common.blocks import Figure
 from addressed_dynamics.reporting.common.figures.style import logarithmic, panel, picture, positive
 from addressed_dynamics.reporting.common.numbers import significant
 from addressed_dynamics.reporting.motion.models import main_models, model_style
-from addressed_dynamics.reporting.motion.records import MotionEvaluation
 from addressed_dynamics.reporting.motion.results import MotionArrays
 
 COORDINATES = (

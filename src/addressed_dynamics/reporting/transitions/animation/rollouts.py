@@ -9,9 +9,9 @@ from addressed_dynamics.episodes.transitions import DiscreteAction, SpaceSpec
 from addressed_dynamics.reporting.common.animation.film import SECONDS, film
 from addressed_dynamics.reporting.common.animation.scenes import Scene
 from addressed_dynamics.reporting.common.blocks import Figure
-from addressed_dynamics.reporting.common.results import Arrays
 from addressed_dynamics.reporting.transitions.animation.acrobot import ACROBOT
 from addressed_dynamics.reporting.transitions.animation.mountain_car import MOUNTAIN_CAR
+from addressed_dynamics.reporting.transitions.results import Arrays
 from addressed_dynamics.reporting.transitions.rollout_tables import group_title
 
 SCENES = (MOUNTAIN_CAR, ACROBOT)

@@ -9,9 +9,9 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from addressed_dynamics.episodes.transitions import Dimension
+from addressed_dynamics.evaluation.transitions.records import CandidateResult, Evaluation
 from addressed_dynamics.reporting.common.blocks import Figure
 from addressed_dynamics.reporting.common.figures.style import INK, logarithmic, model_style, panel, positive
-from addressed_dynamics.reporting.common.records import CandidateResult, Evaluation
 
 
 def candidates(evaluation: Evaluation, dimensions: Sequence[Dimension]) -> Figure:

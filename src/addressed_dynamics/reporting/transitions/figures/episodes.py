@@ -27,7 +27,8 @@ from addressed_dynamics.reporting.common.figures.style import (
     positive,
     with_unit,
 )
-from addressed_dynamics.reporting.common.results import Arrays, Columns
+from addressed_dynamics.reporting.common.reading import Columns
+from addressed_dynamics.reporting.transitions.results import Arrays
 from addressed_dynamics.reporting.transitions.rollout_tables import group_title
 
 MOST_STEPS = 200

@@ -26,7 +26,7 @@ from addressed_dynamics.reporting.common.figures.style import (
     thinned,
     with_unit,
 )
-from addressed_dynamics.reporting.common.results import Arrays
+from addressed_dynamics.reporting.transitions.results import Arrays
 
 MOST_POINTS = 6000
 """Points in a scatter plot."""

@@ -9,11 +9,11 @@ from typing import Any
 from matplotlib.axes import Axes
 
 from addressed_dynamics.evaluation.transitions.physics import ROUNDING, TRUTH, TWIN
+from addressed_dynamics.evaluation.transitions.records import RolloutPhysics
 from addressed_dynamics.reporting.common.blocks import Figure, Panel
 from addressed_dynamics.reporting.common.figures.style import FAINT, INK, logarithmic, model_style, panel, positive
 from addressed_dynamics.reporting.common.numbers import scientific
-from addressed_dynamics.reporting.common.records import RolloutPhysics
-from addressed_dynamics.reporting.common.results import Columns
+from addressed_dynamics.reporting.common.reading import Columns
 from addressed_dynamics.reporting.transitions.figures.episodes import first_of_each
 from addressed_dynamics.reporting.transitions.rollout_tables import group_title
 

@@ -6,7 +6,7 @@ from typing import Self
 
 from pydantic import model_validator
 
-from addressed_dynamics.reporting.common.records import Record, Specialisation, Specialisations
+from addressed_dynamics.evaluation.common.records import Record, Specialisation, Specialisations
 
 ENSEMBLE = "ensemble"
 """First part of the group of our own candidates, followed by the mode: `ensemble/argmax`."""

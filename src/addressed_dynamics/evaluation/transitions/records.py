@@ -1,21 +1,16 @@
-"""What the JSON files of the earlier stages hold, as far as a report shows it."""
+"""What the evaluation of transitions finds: evaluation.json, as it is written and read."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import model_validator
 
 from addressed_dynamics.base.errors import ReportError
 from addressed_dynamics.base.params.training import AddressingTraining, EnsembleParams
+from addressed_dynamics.evaluation.common.records import BaselineLosses, Dropped, Record, Specialisations
 from addressed_dynamics.sources.transitions.params import FeatureParams
-
-
-class Record(BaseModel):
-    """Base of what is read from JSON: frozen; keys that a report does not show are ignored."""
-
-    model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False)
 
 
 class Summary(Record):
@@ -173,42 +168,6 @@ class CandidateResult(Record):
     rollouts: RolloutResult | None = None
 
 
-class MeanLosses(Record):
-    """Mean loss of each member (Fig. 9)."""
-
-    all: tuple[float, ...]
-    """Over all samples."""
-    own: tuple[float | None, ...]
-    """Over those for which it is selected; None if there are none."""
-
-
-class Specialisation(Record):
-    """How the members share the samples of one split."""
-
-    samples: int
-    agreement: float
-    lowest_loss: tuple[int, ...]
-    """Samples on which each member has the lowest loss (Fig. 8)."""
-    addressed: tuple[int, ...]
-    """Samples for which each member is selected."""
-    mean_loss: MeanLosses
-    loss_edges: tuple[float, ...]
-    """Bounds of the intervals of losses (Fig. 10)."""
-    loss_counts: tuple[tuple[int, ...], ...]
-    """Each member's own losses by interval."""
-    output_edges: tuple[float, ...]
-    """Bounds of the intervals of the addressing outputs (Fig. 11)."""
-    output_counts: tuple[tuple[int, ...], ...]
-    """Each member's addressing output over all samples by interval."""
-
-
-class Specialisations(Record):
-    """The same for the samples that the delivered model has learned from, and for held-out episodes."""
-
-    train: Specialisation
-    test: Specialisation
-
-
 class Recipe(Record):
     """How an ensemble and the network that addresses it are trained."""
 
@@ -227,25 +186,11 @@ class OtherRecipe(Record):
     """By its own loss, which may be another than that of the delivered model."""
 
 
-class BaselineLosses(Record):
-    """Mean losses of single networks by their names such as `wide/seed-0`, beside those of Fig. 9."""
-
-    train: dict[str, float]
-    test: dict[str, float]
-
-
 class Delivered(Record):
     """Which model is the one that is delivered."""
 
     seed: int
     variant: str
-
-
-class Dropped(Record):
-    """Episodes that are left out because they are too short."""
-
-    episodes: int = 0
-    rows: int = 0
 
 
 class HeldOut(Record):
@@ -328,81 +273,3 @@ class Evaluation(Record):
 
     def _named(self, prefix: str) -> list[CandidateResult]:
         return [candidate for name, candidate in self.candidates.items() if name.startswith(prefix)]
-
-
-class SegmentResult(Record):
-    """What was recorded in one segment."""
-
-    behaviour: str
-    count: int
-    transitions: int
-    terminated_share_last_100: float | None
-
-
-class SplitResult(Record):
-    """Size of a split."""
-
-    episodes: int
-    transitions: int
-
-
-class Coverage(Record):
-    """How much of the state space the data has seen."""
-
-    cells_per_dimension: int
-    per_dimension: dict[str, float]
-    plane: float | None
-
-
-class Duplicates(Record):
-    """Rows that repeat an earlier one."""
-
-    rows: int
-    share: float
-
-
-class PlaceResult(Record):
-    """Where something was found."""
-
-    log: str
-    episode: int | None
-    step: int | None
-    value: float | None
-
-
-class FindingResult(Record):
-    """One thing that is wrong with the data."""
-
-    meaning: str
-    dimension: str
-    count: int
-    of: int | None
-    first: PlaceResult | None
-    blocking: bool
-
-
-class ImportResult(Record):
-    """What the import of foreign logs counted."""
-
-    files: dict[str, dict[str, int]]
-    totals: dict[str, int]
-
-
-class DataResult(Record):
-    """data.json."""
-
-    transitions: int
-    splits: dict[str, SplitResult]
-    segments: dict[str, SegmentResult]
-    coverage: Coverage
-    duplicates: Duplicates
-    quality: tuple[FindingResult, ...]
-    imported: ImportResult | None = Field(default=None, alias="import")
-    """None if the data was recorded by this project."""
-
-
-class AddressingTrainings(Record):
-    """addressing.json: validation metrics of each addressing network, by `seed-0/plain` and so on."""
-
-    delivered: dict[str, str]
-    validation: dict[str, dict[str, Any]]

@@ -1,0 +1,90 @@
+"""Files of the earlier stages, read and checked."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from pydantic import TypeAdapter, ValidationError
+
+from addressed_dynamics.base.errors import ReportError
+
+Value = TypeVar("Value")
+
+
+Columns = dict[str, np.ndarray]
+"""Columns of a CSV file; NaN where a row has no number."""
+
+
+def read_json(path: Path, kind: type[Value]) -> Value:
+    """Read a JSON file of a kind.
+
+    Raises:
+        ReportError: it is missing or malformed.
+    """
+    try:
+        return TypeAdapter(kind).validate_json(_read_text(path))
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        place = ".".join(str(part) for part in first["loc"]) or "the file"
+        message = f"{path}: {place}: {first['msg']}; run the stage that writes it again"
+        raise ReportError(message) from error
+
+
+def read_csv(path: Path, *, by: str, needed: tuple[str, ...]) -> dict[str, Columns]:
+    """Read the columns of a CSV file, apart for each value of the column `by`.
+
+    Raises:
+        ReportError: it is missing, one of the columns `needed` is, or a cell is not a number.
+    """
+    return columns_of(path, read_rows(path, (by, *needed)), by)
+
+
+def read_rows(path: Path, needed: tuple[str, ...]) -> list[dict[str, str]]:
+    """Read the rows of a CSV file.
+
+    Raises:
+        ReportError: it is missing, or one of the columns `needed` is.
+    """
+    rows = list(csv.DictReader(_read_text(path).splitlines()))
+    for name in needed:
+        if rows and name not in rows[0]:
+            message = f"{path}: there is no column '{name}'; run the stage that writes it again"
+            raise ReportError(message)
+    return rows
+
+
+def columns_of(path: Path, rows: list[dict[str, str]], by: str) -> dict[str, Columns]:
+    """Return the columns of rows of the file at `path`, apart for each value of the column `by`.
+
+    Raises:
+        ReportError: a cell is not a number.
+    """
+    groups: dict[str, list[dict[str, str]]] = {}
+    for row in rows:
+        groups.setdefault(row[by], []).append(row)
+    try:
+        return {
+            key: {name: np.array([float(row[name] or "nan") for row in group]) for name in group[0] if name != by}
+            for key, group in groups.items()
+        }
+    except (ValueError, TypeError) as error:
+        message = f"{path}: a cell is not a number ({error}); run the stage that writes it again"
+        raise ReportError(message) from error
+
+
+def _read_text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except FileNotFoundError as error:
+        raise missing_file(path) from error
+    except (OSError, UnicodeDecodeError) as error:
+        message = f"{path}: cannot be read ({error}); run the stage that writes it again"
+        raise ReportError(message) from error
+
+
+def missing_file(path: Path) -> ReportError:
+    """Return the error that says so of `path`."""
+    return ReportError(f"{path}: missing, so there is nothing to report; 'dvc repro' makes it")

@@ -1,0 +1,78 @@
+"""What data.json says of recorded transitions."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from addressed_dynamics.evaluation.common.records import Record
+
+
+class SegmentResult(Record):
+    """What was recorded in one segment."""
+
+    behaviour: str
+    count: int
+    transitions: int
+    terminated_share_last_100: float | None
+
+
+class SplitResult(Record):
+    """Size of a split."""
+
+    episodes: int
+    transitions: int
+
+
+class Coverage(Record):
+    """How much of the state space the data has seen."""
+
+    cells_per_dimension: int
+    per_dimension: dict[str, float]
+    plane: float | None
+
+
+class Duplicates(Record):
+    """Rows that repeat an earlier one."""
+
+    rows: int
+    share: float
+
+
+class PlaceResult(Record):
+    """Where something was found."""
+
+    log: str
+    episode: int | None
+    step: int | None
+    value: float | None
+
+
+class FindingResult(Record):
+    """One thing that is wrong with the data."""
+
+    meaning: str
+    dimension: str
+    count: int
+    of: int | None
+    first: PlaceResult | None
+    blocking: bool
+
+
+class ImportResult(Record):
+    """What the import of foreign logs counted."""
+
+    files: dict[str, dict[str, int]]
+    totals: dict[str, int]
+
+
+class DataResult(Record):
+    """data.json."""
+
+    transitions: int
+    splits: dict[str, SplitResult]
+    segments: dict[str, SegmentResult]
+    coverage: Coverage
+    duplicates: Duplicates
+    quality: tuple[FindingResult, ...]
+    imported: ImportResult | None = Field(default=None, alias="import")
+    """None if the data was recorded by this project."""
