@@ -146,6 +146,20 @@ def test_what_cannot_be_shown_is_an_error_that_says_why(moving: Any) -> None:
             skeleton_film("legs", "", actors)
 
 
+def test_all_joints_of_a_person_are_seen_at_once(moving: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = Camera.seen
+    asked: list[int] = []
+
+    def counted(camera: Camera, points: Any) -> Any:
+        asked.append(len(points))
+        return seen(camera, points)
+
+    monkeypatch.setattr(Camera, "seen", counted)
+    skeleton_film("legs", "", [Actor("ours", moving)])
+    assert asked.count(len(JOINTS)) == 2 * 12, "the person and the shadow in each of 12 pictures"
+    assert len(asked) == 5 * 12, "beside them the tiles, the traces of the feet, and the crown of the head"
+
+
 def test_a_camera_sees_its_target_in_the_middle_and_what_is_left_of_it_to_the_left() -> None:
     camera = Camera(np.array([100.0, 90.0, -50.0]), 0.0, 0.0, 800.0, 1.5)
     places = camera.seen(camera.target + np.array([[0, 0, 0], [-10, 0, 0], [0, 10, 0], [10, 0, 400]]))
