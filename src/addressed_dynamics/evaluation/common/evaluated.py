@@ -1,6 +1,6 @@
 """What the evaluation of an experiment comes to."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from addressed_dynamics.base.files import save_arrays, write_json, write_rows
+from addressed_dynamics.evaluation.common.measures import MEASURES, Row, rows_of, write_rows_of_measures
 from addressed_dynamics.simulators.delivery import Delivered
 
 
@@ -27,11 +28,14 @@ class Evaluated:
     """The few figures that are in Git."""
     delivered: Delivered
     """The model that is delivered."""
+    measures: Sequence[Row] = ()
+    """What has no section of its own in the report."""
 
 
 def write_evaluated(found: Evaluated, folder: Path) -> None:
-    """Write what an evaluation came to into an empty folder: numbers, arrays and curves."""
+    """Write what an evaluation came to into an empty folder: numbers, as a tree and as a table, arrays and curves."""
     save_arrays(folder / "arrays.npz", dict(found.arrays))
     for name, rows in found.curves.items():
         write_rows(folder / f"{name}.csv", rows)
     write_json(folder / "evaluation.json", found.report)
+    write_rows_of_measures(folder / MEASURES, [*rows_of(found.report.get("candidates", {})), *found.measures])

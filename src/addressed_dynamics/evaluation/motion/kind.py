@@ -5,6 +5,7 @@ from typing import Any
 
 from addressed_dynamics.base.torch_runtime import prepare_torch
 from addressed_dynamics.evaluation.common.evaluated import Evaluated
+from addressed_dynamics.evaluation.common.measures import further_rows
 from addressed_dynamics.evaluation.motion.candidates import (
     baseline_candidates,
     ensemble_candidates,
@@ -12,6 +13,7 @@ from addressed_dynamics.evaluation.motion.candidates import (
     reference_candidates,
 )
 from addressed_dynamics.evaluation.motion.closed_loop.commands import standard_script
+from addressed_dynamics.evaluation.motion.records import MotionEvaluation
 from addressed_dynamics.evaluation.motion.suite import (
     ClosedLoopPlan,
     MotionData,
@@ -69,7 +71,9 @@ def evaluate(tables: Path, models: Path, params: MotionEvaluationParams, *, core
     }
     arrays = motion_arrays(shown_candidates(candidates, seed, mode), traces, data)
     delivered = Delivered(seed, None, mode)
-    return Evaluated(report, arrays, {}, _headline(report), summarise(report), delivered)
+    further = further_rows(f"{__package__}.measures", candidates, data)
+    MotionEvaluation.model_validate(report)
+    return Evaluated(report, arrays, {}, _headline(report), summarise(report), delivered, further)
 
 
 def _headline(report: dict[str, Any]) -> dict[str, float]:

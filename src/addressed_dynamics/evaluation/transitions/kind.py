@@ -10,6 +10,7 @@ from addressed_dynamics.episodes.index import read_episodes
 from addressed_dynamics.episodes.parquet import load_transitions
 from addressed_dynamics.episodes.splits import Split
 from addressed_dynamics.evaluation.common.evaluated import Evaluated
+from addressed_dynamics.evaluation.common.measures import further_rows
 from addressed_dynamics.evaluation.transitions.candidates import (
     baseline_candidates,
     ensemble_candidates,
@@ -18,6 +19,7 @@ from addressed_dynamics.evaluation.transitions.candidates import (
     load_pair,
 )
 from addressed_dynamics.evaluation.transitions.points import Points
+from addressed_dynamics.evaluation.transitions.records import Evaluation
 from addressed_dynamics.evaluation.transitions.rollouts import roll_out
 from addressed_dynamics.evaluation.transitions.suite import (
     baseline_losses,
@@ -86,7 +88,9 @@ def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int
     features = model.features
     scale = dict(zip((each.name for each in features.spaces.observation), features.scale, strict=True))
     summary = summarise(report, horizon, scale, features.spaces.step_seconds)
-    return Evaluated(report, arrays, {"horizon": horizon}, _headline(report), summary, chosen)
+    further = further_rows(f"{__package__}.measures", candidates, points["test"])
+    Evaluation.model_validate(report)
+    return Evaluated(report, arrays, {"horizon": horizon}, _headline(report), summary, chosen, further)
 
 
 def ensemble_recipe(folder: Path, seed: int) -> EnsembleParams:

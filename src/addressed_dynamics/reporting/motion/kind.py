@@ -6,6 +6,7 @@ from pathlib import Path
 from addressed_dynamics.base.params.training import AddressingParams, EnsembleParams
 from addressed_dynamics.features.motion.features import MotionFeatures
 from addressed_dynamics.networks.files import addressed_folders, load_network
+from addressed_dynamics.reporting.common.further import with_further_measures
 from addressed_dynamics.reporting.common.render import FIGURES, write_report
 from addressed_dynamics.reporting.common.written import Subject, Written
 from addressed_dynamics.reporting.motion.document import build_motion_report, motion_headline
@@ -38,7 +39,7 @@ def write(subject: Subject, target: Path) -> Written:
         paper=subject.params.paper is not None,
         experiment=subject.experiment,
     )
-    report = build_motion_report(results, origin)
+    report = with_further_measures(build_motion_report(results, origin), subject.evaluation)
     write_report(report, target)
     write_motion_scene(target / FIGURES / SCENE, results.evaluation, results.arrays)
     return Written(motion_headline(results), report.verdict)

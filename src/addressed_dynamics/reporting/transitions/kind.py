@@ -9,6 +9,7 @@ from jaxtyping import Float32
 from addressed_dynamics.base.params.training import AddressingParams, EnsembleParams
 from addressed_dynamics.features.transitions.spec import FeatureSpec
 from addressed_dynamics.networks.files import load_network
+from addressed_dynamics.reporting.common.further import with_further_measures
 from addressed_dynamics.reporting.common.render import write_report
 from addressed_dynamics.reporting.common.written import Subject, Written
 from addressed_dynamics.reporting.transitions.document import build_report, headline
@@ -40,7 +41,7 @@ def write(subject: Subject, target: Path) -> Written:
         experiment=subject.experiment,
     )
     paper = PAPER[subject.params.paper] if subject.params.paper else None
-    report = build_report(results, origin, paper)
+    report = with_further_measures(build_report(results, origin, paper), subject.evaluation)
     write_report(report, target)
     model = PortableDynamics(AddressedDynamics(ensemble.features, ensemble.stack, addressing.stack))
     example = _input_example(results.arrays, ensemble.features.history)
