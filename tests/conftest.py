@@ -12,8 +12,10 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 settings.register_profile("no_deadline", deadline=None)
 settings.load_profile("no_deadline")
 
-LONGEST = ("test_pipeline.py", "test_stages.py", "test_example.py")
-"""Files that take minutes: begun first, they are not what one worker does while the others have nothing left to do."""
+LONGEST = (
+    "test_pipeline.py", "test_import_bad_logs.py", "test_stages.py", "test_example.py", "test_third_kind.py", "test_tracking.py"
+)  # fmt: skip
+"""Files that take long: begun first, they are not what one worker does while the others have nothing left to do."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

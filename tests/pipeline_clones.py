@@ -1,12 +1,16 @@
 """Clones of this working tree with the tiny params, in which DVC runs the pipeline."""
 
+import atexit
 import os
 import re
 import shutil
 import subprocess
 import sys
+import tempfile
+from functools import cache
 from pathlib import Path
 
+import warm_python
 from stage_dependencies import ROOT
 
 KINDS = {"mountaincar": "transitions", "acrobot": "transitions", "pfnn": "motion"}
@@ -29,12 +33,41 @@ def environment(clone: Path) -> dict[str, str]:
     }
 
 
+@cache
+def warm_interpreter() -> Path:
+    """The folder of a `python` that has imported the packages already; its server lives as long as these tests."""
+    folder = Path(tempfile.mkdtemp(prefix="warm-python-"))
+    program, path = folder / "python", folder / "socket"
+    program.write_text(warm_python.SHIM.format(python=sys.executable, path=str(path)), encoding="utf-8")
+    program.chmod(0o755)
+    names = {"PYTHONPATH", "MLFLOW_TRACKING_URI"}
+    settings = {name: value for name, value in os.environ.items() if name not in names}
+    settings |= {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")}
+    server = subprocess.Popen(
+        [sys.executable, warm_python.__file__, str(path)],
+        env=settings | {"MLFLOW_DISABLE_TELEMETRY": "true"},
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+
+    def end() -> None:
+        server.terminate()
+        server.communicate()
+        shutil.rmtree(folder, ignore_errors=True)
+
+    atexit.register(end)
+    assert server.stdout is not None
+    assert server.stdout.readline() == warm_python.READY
+    return folder
+
+
 def dvc(clone: Path, *arguments: str) -> str:
-    """What a DVC command says, which has to succeed."""
+    """What a DVC command says, which has to succeed. It and its stages are run by the warm interpreter."""
+    warm, settings = warm_interpreter(), environment(clone)
     done = subprocess.run(
-        [sys.executable, "-m", "dvc", *arguments],
+        [warm / "python", "-m", "dvc", *arguments],
         cwd=clone,
-        env=environment(clone),
+        env=settings | {"PATH": f"{warm}{os.pathsep}{settings['PATH']}"},
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from example_command import overrides
-from pipeline_clones import KINDS, STAGES, dvc, edit_params, environment, new_clone, stages_run
+from pipeline_clones import KINDS, STAGES, dvc, edit_params, environment, new_clone, stages_run, warm_interpreter
 from ruamel.yaml import YAML
 from stage_dependencies import ROOT, first_party
 
@@ -253,7 +253,7 @@ def test_an_imported_experiment_is_converted_like_a_recorded_one_and_follows_its
 def test_the_example_after_a_finished_pipeline_leaves_the_data_of_the_other_experiments_where_they_are(
     clone: Path,
 ) -> None:
-    script = [sys.executable, "examples/pendulum/make_logs.py", "--episodes", "4", "--seconds", "6"]
+    script = [warm_interpreter() / "python", "examples/pendulum/make_logs.py", "--episodes", "4", "--seconds", "6"]
     subprocess.run(script, cwd=clone, env=environment(clone), check=True, capture_output=True)
     before = {path: path.stat().st_size for path in (clone / "data").rglob("*") if path.is_file()}
     assert len(before) > 100
