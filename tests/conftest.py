@@ -13,8 +13,13 @@ settings.register_profile("no_deadline", deadline=None)
 settings.load_profile("no_deadline")
 
 LONGEST = (
-    "test_pipeline.py", "test_import_bad_logs.py", "test_stages.py", "test_example.py", "test_third_kind.py", "test_tracking.py"
-)  # fmt: skip
+    "test_pipeline.py",
+    "test_import_bad_logs.py",
+    "test_stages.py",
+    "test_example.py",
+    "test_third_kind.py",
+    "test_tracking.py",
+)
 """Files that take long: begun first, they are not what one worker does while the others have nothing left to do."""
 
 
