@@ -46,12 +46,12 @@ def warm_interpreter() -> Path:
     server = subprocess.Popen(
         [sys.executable, warm_python.__file__, str(path)],
         env=settings | {"MLFLOW_DISABLE_TELEMETRY": "true"},
+        stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
     )
 
     def end() -> None:
-        server.terminate()
         server.communicate()
         shutil.rmtree(folder, ignore_errors=True)
 

@@ -14,6 +14,7 @@ import importlib
 import json
 import os
 import runpy
+import select
 import signal
 import socket
 import sys
@@ -47,7 +48,7 @@ READY = "ready\n"
 
 
 def serve(path: Path) -> None:
-    """Run commands until this process is terminated; return in the fork that is to become a command."""
+    """Run commands until standard input ends, as it does when the tests are killed; return in the fork of a command."""
     with socket.socket(socket.AF_UNIX) as listener:
         listener.bind(str(path))
         listener.listen()
@@ -57,6 +58,9 @@ def serve(path: Path) -> None:
         sys.stdout.write(READY)
         sys.stdout.flush()
         while True:
+            ready, _, _ = select.select([listener, sys.stdin], [], [])
+            if sys.stdin in ready:
+                sys.exit()
             client, _ = listener.accept()
             with client:
                 if os.fork() == 0:
