@@ -19,37 +19,55 @@ STAGES = ("record", "convert", "train_ensemble", "train_addressing", "train_base
 """The stages that each of them goes through."""
 
 
-@cache
-def programs() -> Path:
-    """A folder with a `python` whose big libraries are imported already, until these tests end."""
-    folder = Path(tempfile.mkdtemp(prefix="warm-python-"))
-    server = warm_python.start(folder)
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    atexit.register(server.wait)
-    atexit.register(server.terminate)
-    return folder / "bin"
-
-
-def environment(clone: Path, *, warm: bool = True) -> dict[str, str]:
+def environment(clone: Path) -> dict[str, str]:
     """The environment of a user of `clone`: its own sources, its own store, the interpreter that runs the tests."""
     names = {"DVC_ROOT", "DVC_EXP_NAME", "MLFLOW_TRACKING_URI"}
     kept = {name: value for name, value in os.environ.items() if name not in names}
-    folders = [*([str(programs())] if warm else []), str(Path(sys.executable).parent), kept.get("PATH", "")]
+    path = f"{Path(sys.executable).parent}{os.pathsep}{kept.get('PATH', '')}"
     return {
         **kept,
-        "PATH": os.pathsep.join(folders),
+        "PATH": path,
         "PYTHONPATH": str(clone / "src"),
         "DVC_NO_ANALYTICS": "true",
         "ADDRESSED_DYNAMICS_PROCESSES": "1",
     }
 
 
+@cache
+def warm_interpreter() -> Path:
+    """The folder of a `python` that has imported the packages already; its server lives as long as these tests."""
+    folder = Path(tempfile.mkdtemp(prefix="warm-python-"))
+    program, path = folder / "python", folder / "socket"
+    program.write_text(warm_python.SHIM.format(python=sys.executable, path=str(path)), encoding="utf-8")
+    program.chmod(0o755)
+    names = {"PYTHONPATH", "MLFLOW_TRACKING_URI"}
+    settings = {name: value for name, value in os.environ.items() if name not in names}
+    settings |= {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")}
+    server = subprocess.Popen(
+        [sys.executable, warm_python.__file__, str(path)],
+        env=settings | {"MLFLOW_DISABLE_TELEMETRY": "true"},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+
+    def end() -> None:
+        server.communicate()
+        shutil.rmtree(folder, ignore_errors=True)
+
+    atexit.register(end)
+    assert server.stdout is not None
+    assert server.stdout.readline() == warm_python.READY
+    return folder
+
+
 def dvc(clone: Path, *arguments: str) -> str:
-    """What a DVC command says, which has to succeed."""
+    """What a DVC command says, which has to succeed. It and its stages are run by the warm interpreter."""
+    warm, settings = warm_interpreter(), environment(clone)
     done = subprocess.run(
-        [programs() / "python", "-m", "dvc", *arguments],
+        [warm / "python", "-m", "dvc", *arguments],
         cwd=clone,
-        env=environment(clone),
+        env=settings | {"PATH": f"{warm}{os.pathsep}{settings['PATH']}"},
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,

@@ -4,13 +4,13 @@ import hashlib
 import json
 import os
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from dvc_settings import apply_overrides
 from example_command import overrides
 from example_params import write_params
+from pipeline_clones import warm_interpreter
 from ruamel.yaml import YAML
 
 from addressed_dynamics.base.params.experiments import load_experiment
@@ -32,12 +32,17 @@ call = Call("pendulum", Path("params.yaml"), "transitions", Path("data/raw/pendu
 for stage in {STAGES}:
     import_module(f"pipeline.{{stage}}").main(call)
 """
-"""In one process, which imports torch and MLflow once."""
+"""In one process."""
 
 
 def run(folder: Path, *arguments: str) -> None:
     done = subprocess.run(
-        [sys.executable, *arguments], cwd=folder, env=ENVIRONMENT, capture_output=True, text=True, check=False
+        [warm_interpreter() / "python", *arguments],
+        cwd=folder,
+        env=ENVIRONMENT,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 0, done.stderr
 

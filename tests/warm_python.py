@@ -1,130 +1,127 @@
-"""Python that has the big libraries imported already: what a clone's stages are run by.
+"""A Python that has imported the packages already: each command is a fork of it.
 
-A server imports them once and forks for each command (`python -m ...`), which then imports the first-party package of
-its own clone. So a test runs DVC and its stages as processes of their own, as a user does, without the five seconds
-that torch and MLflow take to be imported in each.
+The tests run the pipeline as its users do: DVC, and in it a process for each stage. Most of the time of a tiny stage
+is spent importing torch and MLflow; here they are imported once, and each command gets a process of its own with its
+own arguments, folder, environment and streams. What belongs to this project is imported after the fork, from where the
+command's `PYTHONPATH` says.
+
+The first argument is the path of a socket. On it a client sends the command as JSON together with its three standard
+streams, and gets the exit status.
 """
 
-import array
+import gc
+import importlib
 import json
-import logging
 import os
 import runpy
+import select
 import signal
 import socket
-import subprocess
 import sys
-import threading
-import time
-from contextlib import suppress
+import warnings
 from pathlib import Path
-from typing import NoReturn
 
-LIBRARIES = (
-    "torch", "mlflow", "mlflow.pytorch", "mlflow.store.tracking.sqlalchemy_store", "matplotlib.figure",
-    "matplotlib.backends.backend_agg", "matplotlib.backends.backend_svg", "pandas", "pyarrow.parquet", "pydantic",
-    "gymnasium", "safetensors.torch", "mcap.reader", "ruamel.yaml", "tqdm", "PIL.Image", "jinja2",
-    "dvc.cli", "dvc.commands.repro", "dvc.commands.metrics", "dvc.repo", "dvc.stage", "dvc_data.index",
+PACKAGES = (
+    "torch", "mlflow", "mlflow.pyfunc", "mlflow.tracking", "sqlalchemy", "alembic", "gymnasium", "stable_baselines3",
+    "matplotlib.pyplot", "matplotlib.animation", "PIL.Image", "polars", "pyarrow.parquet", "pydantic", "jinja2",
+    "jaxtyping", "safetensors.torch", "mcap.reader", "ruamel.yaml", "yaml", "filelock", "tqdm", "zstandard", "lz4",
+    "dvc.cli", "dvc.cli.parser", "dvc.repo", "dvc.repo.experiments", "dvc.commands.repro", "dvc.stage.cache",
 )  # fmt: skip
-"""What stages and DVC import; nothing of ours, for each clone has its own."""
+"""What takes long to import and starts nothing by being imported."""
 
-SHIM = """#!{python} -IS
-import array, json, os, socket, sys
+SHIM = """#!{python} -ISs
+import json, os, socket, sys
 server = socket.socket(socket.AF_UNIX)
-server.connect({address!r})
-request = json.dumps([sys.argv[1:], os.getcwd(), dict(os.environ)]).encode()
-streams = socket.SOL_SOCKET, socket.SCM_RIGHTS, array.array("i", [0, 1, 2])
-server.sendmsg([len(request).to_bytes(8, "little")], [streams])
-server.sendall(request)
-answer = server.recv(1)
-os._exit(answer[0] if answer else 70)
+server.connect({path!r})
+command = {{"argv": sys.argv[1:], "cwd": os.getcwd(), "env": dict(os.environ)}}
+with server.makefile("rb") as answer:
+    socket.send_fds(server, [b"."], [0, 1, 2])
+    server.sendall(json.dumps(command).encode())
+    server.shutdown(socket.SHUT_WR)
+    status = int(answer.read() or 70)
+sys.exit(status if status >= 0 else 128 - status)
 """
+"""A program to put first on PATH as `python`: it hands its command to the warm one."""
+
+READY = "ready\n"
+"""What is said once commands are answered."""
 
 
-def serve(address: str) -> NoReturn:
-    """Import the libraries, then answer commands until the process that started this one is gone."""
-    parent = os.getppid()
-    for name in LIBRARIES:
-        with suppress(ImportError):
-            __import__(name)
-    assert threading.active_count() == 1, "what forks must have one thread"
-    signal.signal(signal.SIGCHLD, signal.SIG_IGN)
-    listener = socket.socket(socket.AF_UNIX)
-    listener.bind(address + ".partial")
-    listener.listen()
-    Path(address + ".partial").rename(address)
-    listener.settimeout(1.0)
-    while os.getppid() == parent:
-        with suppress(TimeoutError):
-            connection, _ = listener.accept()
-            if os.fork() == 0:
-                listener.close()
-                _answer(connection)
-            connection.close()
-    sys.exit(0)
+def serve(path: Path) -> None:
+    """Run commands until standard input ends, as it does when the tests are killed; return in the fork of a command."""
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(str(path))
+        listener.listen()
+        # The forks share what was imported; the collector would copy it by looking at it.
+        gc.collect()
+        gc.freeze()
+        sys.stdout.write(READY)
+        sys.stdout.flush()
+        while True:
+            ready, _, _ = select.select([listener, sys.stdin], [], [])
+            if sys.stdin in ready:
+                sys.exit()
+            client, _ = listener.accept()
+            with client:
+                if os.fork() == 0:
+                    listener.close()
+                    _answer(client)
+                    return
 
 
-def _answer(connection: socket.socket) -> NoReturn:
-    """Run one command as `python` would, and say its status."""
-    connection.settimeout(None)
-    streams = array.array("i")
-    size, ancillary, _, _ = connection.recvmsg(8, socket.CMSG_SPACE(3 * streams.itemsize))
-    streams.frombytes(ancillary[0][2])
-    request = b""
-    while len(request) < int.from_bytes(size, "little"):
-        request += connection.recv(1 << 20)
-    arguments, folder, environment = json.loads(request)
-    for target, stream in enumerate(streams):
-        os.dup2(stream, target)
-        os.close(stream)
-    os.chdir(folder)
-    os.environ.clear()
-    os.environ.update(environment)
+def _answer(client: socket.socket) -> None:
+    """Send the exit status of a command to its client; return in the process of the command."""
+    _, streams, _, _ = socket.recv_fds(client, 1, 3)
+    with client.makefile("rb") as asked:
+        command = json.loads(asked.read())
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)
-    status = 1
-    try:
-        status = _run(arguments)
-    finally:
-        with suppress(OSError, ValueError):
-            sys.stdout.flush()
-        with suppress(OSError, ValueError):
-            sys.stderr.flush()
-        connection.sendall(bytes([status & 255]))
-        os._exit(status & 255)
+    if child := os.fork():
+        for stream in (0, 1, 2, *streams):
+            os.close(stream)
+        _, status = os.waitpid(child, 0)
+        client.sendall(str(os.waitstatus_to_exitcode(status)).encode())
+        os._exit(0)
+    client.close()
+    for stream, number in zip(streams, (0, 1, 2), strict=True):
+        os.dup2(stream, number)
+        os.close(stream)
+    os.chdir(command["cwd"])
+    os.environ.clear()
+    os.environ.update(command["env"])
+    sys.argv = command["argv"]
 
 
-def _run(arguments: list[str]) -> int:
-    assert arguments[0] == "-m", "nothing else is asked for"
-    logging.getLogger().handlers.clear()  # of libraries that a command may not import itself
-    logging.getLogger().setLevel(logging.WARNING)
-    sys.argv = arguments[1:]
-    sys.path[0:0] = [str(Path.cwd()), *filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))]
-    try:
-        runpy.run_module(arguments[1], run_name="__main__", alter_sys=True)
-    except SystemExit as end:
-        if isinstance(end.code, str):
-            sys.stderr.write(f"{end.code}\n")
-            return 1
-        return end.code or 0
-    except BaseException:
-        sys.excepthook(*sys.exc_info())
-        return 1
-    return 0
+def become(argv: list[str]) -> None:
+    """Run `-m module …`, `-c program …` or `script …` as the interpreter would."""
+    option, *arguments = argv
+    first = str(Path(option).parent) if not option.startswith("-") else str(Path.cwd())
+    sys.path[:0] = [first, *filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))]
+    importlib.invalidate_caches()
+    if option == "-m":
+        sys.argv = arguments
+        runpy.run_module(arguments[0], run_name="__main__", alter_sys=True)
+    elif option == "-c":
+        sys.argv = [option, *arguments[1:]]
+        exec(compile(arguments[0], "<string>", "exec"), {"__name__": "__main__"})
+    else:
+        runpy.run_path(option, run_name="__main__")
 
 
-def start(folder: Path) -> subprocess.Popen[bytes]:
-    """Start a server that ends with this process, and make a folder `bin` for PATH with a `python` that asks it."""
-    address, programs = str(folder / "socket"), folder / "bin"
-    programs.mkdir(parents=True)
-    environment = os.environ | {"OMP_NUM_THREADS": "1", "DO_NOT_TRACK": "true", "MLFLOW_DISABLE_TELEMETRY": "true"}
-    server = subprocess.Popen([sys.executable, __file__, address], env=environment, stdin=subprocess.DEVNULL)
-    (programs / "python").write_text(SHIM.format(python=sys.executable, address=address))
-    (programs / "python").chmod(0o755)
-    while not Path(address).exists():
-        assert server.poll() is None, "the server did not start"
-        time.sleep(0.05)
-    return server
+def main() -> None:
+    # Each zombie would be kept until this process ends.
+    signal.signal(signal.SIGCHLD, signal.SIG_IGN)
+    with warnings.catch_warnings():
+        # The threads that are left after these imports wait for work, which the forks do not give them.
+        warnings.simplefilter("ignore")
+        for package in PACKAGES:
+            importlib.import_module(package)
+    mine = [name for name in sys.modules if name.partition(".")[0] in {"addressed_dynamics", "pipeline"}]
+    assert not mine, mine
+    sys.path.pop(0)
+    warnings.filterwarnings("ignore", message=".*multi-threaded, use of fork", category=DeprecationWarning)
+    serve(Path(sys.argv[1]))
+    become(sys.argv)
 
 
 if __name__ == "__main__":
-    serve(sys.argv[1])
+    main()

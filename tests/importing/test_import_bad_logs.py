@@ -25,6 +25,9 @@ from addressed_dynamics.importing.signals import signals_of
 
 MESSAGES = states_and_commands()
 GOOD = {"json": json_log(MESSAGES), "protobuf": protobuf_log(MESSAGES), "ros2": ros2_log(MESSAGES)}
+SOURCE = source()
+SIGNALS = signals_of(SOURCE)
+PATHS = [parse_path(signal.field) for signal in SIGNALS.all]
 
 
 def refusal(folder: Path, **changes: Any) -> str:
@@ -44,12 +47,11 @@ def refusal(folder: Path, **changes: Any) -> str:
 
 def samples(path: Path, data: bytes) -> list[list[float]] | None:
     """The samples of a log with these bytes, None if it is refused; any other error fails the test."""
+    # Some file systems write a file out at once that takes the place of another.
+    path.unlink(missing_ok=True)
     path.write_bytes(data)
-    params = source()
-    signals = signals_of(params)
-    paths = [parse_path(signal.field) for signal in signals.all]
     try:
-        return read_mcap(path, params, signals, paths, Agreement()).values.tolist()
+        return read_mcap(path, SOURCE, SIGNALS, PATHS, Agreement()).values.tolist()
     except LogError as error:
         if not str(error).startswith(f"{path}: ") or "\n" in str(error):
             raise

@@ -1,0 +1,82 @@
+"""What a change after a finished pipeline runs again, and what it leaves alone."""
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+from example_command import overrides
+from pipeline_clones import STAGES, dvc, edit_params, environment, stages_run, warm_interpreter
+from stage_dependencies import ROOT
+
+MEASURE = '''"""How long a model hesitates."""
+
+from addressed_dynamics.evaluation.common.measures import Row
+
+
+def measure(candidate, held_out):
+    yield Row("hesitation", candidate.name, "", "mean", 41.5)
+'''
+
+
+@pytest.mark.slow
+def test_a_change_of_the_addressing_runs_addressing_evaluation_and_report_again(clone: Path) -> None:
+    edit_params(clone, "variants: [plain, cost_sensitive]", "variants: [cost_sensitive]")
+    ran = stages_run(dvc(clone, "repro"))
+    assert ran == ["train_addressing@mountaincar", "evaluate@mountaincar", "report@mountaincar"]
+    edit_params(clone, "tie_share: 0.9", "tie_share: 0.8")
+    assert stages_run(dvc(clone, "repro")) == ["train_addressing@pfnn", "evaluate@pfnn", "report@pfnn"]
+
+
+@pytest.mark.slow
+def test_a_comment_in_the_features_of_a_kind_concerns_that_kind_alone_and_comes_to_the_same_bytes(clone: Path) -> None:
+    def outputs() -> dict[str, bytes]:
+        folders = [clone / "data" / name for name in ("models", "figures", "evaluation")]
+        return {str(path): path.read_bytes() for folder in folders for path in folder.rglob("*") if path.is_file()}
+
+    before = outputs()
+    edited = clone / "src" / "addressed_dynamics" / "features" / "motion" / "features.py"
+    edited.write_text(edited.read_text(encoding="utf-8") + "# edited\n", encoding="utf-8")
+    # What is made with the features, or read with them; the tables are not.
+    assert set(stages_run(dvc(clone, "repro"))) == {f"{stage}@pfnn" for stage in STAGES[2:]}
+    assert outputs() == before
+
+
+@pytest.mark.slow
+def test_clips_of_ones_own_take_the_place_of_those_that_are_made_up_and_are_followed(clone: Path) -> None:
+    shutil.copytree(clone / "data" / "raw" / "pfnn", clone / "clips")
+    edit_params(clone, "pfnn: {kind: motion, raw: data/raw/pfnn}", "pfnn: {kind: motion, raw: clips}")
+    edit_params(clone, ", pfnn: motion}", "}")
+    # The same clips elsewhere: the tables are the same, so nothing after them runs.
+    assert stages_run(dvc(clone, "repro", "--downstream", "convert@pfnn")) == ["convert@pfnn"]
+    for path in (clone / "clips").glob("Walker_stroll*"):
+        path.unlink()
+    ran = stages_run(dvc(clone, "repro", "train_ensemble@pfnn"))
+    assert ran == ["convert@pfnn", "train_ensemble@pfnn"]
+
+
+@pytest.mark.slow
+def test_the_example_after_a_finished_pipeline_leaves_the_data_of_the_other_experiments_where_they_are(
+    clone: Path,
+) -> None:
+    script = [warm_interpreter() / "python", "examples/pendulum/make_logs.py", "--episodes", "4", "--seconds", "6"]
+    subprocess.run(script, cwd=clone, env=environment(clone), check=True, capture_output=True)
+    before = {path: path.stat().st_size for path in (clone / "data").rglob("*") if path.is_file()}
+    assert len(before) > 100
+    settings = [part for setting in overrides(ROOT / "Makefile") for part in ("-S", setting)]
+    ran = stages_run(dvc(clone, "exp", "run", "report@pendulum", *settings))
+    # DVC leaves the order open in which the baselines are trained beside the ensemble.
+    assert sorted(ran) == sorted(f"{stage}@pendulum" for stage in ("import", *STAGES[1:]))
+    assert {path: path.stat().st_size for path in before if path.is_file()} == before
+    assert (clone / "data" / "reports" / "pendulum" / "report.html").is_file()
+
+
+@pytest.mark.slow
+def test_a_measure_in_a_file_of_its_own_is_shown_by_the_report(clone: Path) -> None:
+    measures = clone / "src" / "addressed_dynamics" / "evaluation" / "transitions" / "measures"
+    (measures / "hesitation.py").write_text(MEASURE, encoding="utf-8")
+    ran = stages_run(dvc(clone, "repro", "report@mountaincar"))
+    assert ran == ["evaluate@mountaincar", "report@mountaincar"]
+    report = (clone / "data" / "reports" / "mountaincar" / "report.md").read_text(encoding="utf-8")
+    assert "hesitation: How long a model hesitates." in report
+    assert "| ensemble/argmax | 41.5 |" in report
