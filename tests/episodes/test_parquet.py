@@ -15,8 +15,9 @@ from hypothesis import strategies as st
 from strategies import transitions
 
 from addressed_dynamics.base.errors import TableError
-from addressed_dynamics.episodes.parquet import METADATA_KEY, TransitionTable, load_transitions, read_table, write_table
+from addressed_dynamics.episodes.parquet import TransitionTable, load_transitions, read_table, write_table
 from addressed_dynamics.episodes.splits import SPLITS
+from addressed_dynamics.episodes.tables import METADATA_KEY
 from addressed_dynamics.episodes.transitions import Transitions
 
 

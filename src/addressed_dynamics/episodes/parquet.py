@@ -6,7 +6,6 @@ split has a folder of its own, `train`, `validation` or `test`, so that one is r
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -15,20 +14,28 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 from jaxtyping import Int8
 
 from addressed_dynamics.base.errors import TableError, TransitionsError
 from addressed_dynamics.base.files import atomic_path
 from addressed_dynamics.episodes.splits import SPLITS, Split
+from addressed_dynamics.episodes.tables import (
+    AGAIN,
+    check_splits,
+    codes,
+    described,
+    description,
+    files_of_kind,
+    open_writer,
+    read_row_groups,
+    stack,
+)
 from addressed_dynamics.episodes.transitions import ContinuousAction, Dimension, SpaceSpec, Transitions
 
 FORMAT_VERSION = 1
 """Version of the columns and metadata below; a reader refuses any other."""
 FOLDER = "transitions"
 """Folder of the files in an experiment's folder of tables."""
-METADATA_KEY = b"addressed_dynamics"
-"""Key of our JSON in the schema's metadata."""
 SCALARS = {
     "episode": pa.int64(),
     "step": pa.int32(),
@@ -38,6 +45,7 @@ SCALARS = {
     "truncated": pa.bool_(),
 }
 """Columns that are the same for every environment."""
+COUNTERS = ("episode", "step", "time_ns")
 LABEL = pa.dictionary(pa.int8(), pa.string())
 
 
@@ -70,19 +78,7 @@ def table_writer(path: Path, spec: SpaceSpec, *, row_group_rows: int) -> Iterato
     The tables are of these spaces and of one segment; each begins a row group.
     """
     schema = _schema(spec)
-    floats = [field.name for field in schema if field.type == pa.float32()]
-    counters = ["episode", "step", "time_ns"]
-    with (
-        atomic_path(path) as temporary,
-        pq.ParquetWriter(
-            temporary,
-            schema,
-            compression="zstd",
-            use_dictionary=[name for name in ("action", "split", "segment") if name in schema.names],
-            column_encoding=dict.fromkeys(floats, "BYTE_STREAM_SPLIT") | dict.fromkeys(counters, "DELTA_BINARY_PACKED"),
-            write_page_checksum=True,
-        ) as writer,
-    ):
+    with atomic_path(path) as temporary, open_writer(temporary, schema, COUNTERS) as writer:
 
         def write(table: TransitionTable) -> None:
             writer.write_table(pa.table(_columns(table), schema=schema), row_group_size=row_group_rows)
@@ -114,18 +110,6 @@ def split_writer(
         yield write
 
 
-def split_files(folder: Path, splits: Sequence[str], split: str | None) -> list[Path]:
-    """Return the Parquet files in `folder` that hold a split, or all: split by split, and in each by name.
-
-    Without folders called like the splits, they are the files in `folder` itself: any of them may hold rows of any
-    split.
-    """
-    if not any((folder / name).is_dir() for name in splits):
-        return sorted(folder.glob("*.parquet"))
-    wanted = splits if split is None else (split,)
-    return [file for name in wanted for file in sorted((folder / name).glob("*.parquet"))]
-
-
 def read_table(path: Path) -> TransitionTable:
     """Read what `write_table` wrote, and check it.
 
@@ -133,36 +117,28 @@ def read_table(path: Path) -> TransitionTable:
         TableError: the file is missing, damaged, of another format version, lacks a column or has one of another
             type, or holds missing values, NaNs or broken episodes.
     """
-    table = _read_arrow(path)
-    spec = _spec(table.schema, path)
-    _check_schema(table, _schema(spec), path)
+    found: list[pa.Schema] = []
+
+    def expected(schema: pa.Schema, path: Path) -> pa.Schema:
+        found.append(schema)
+        return _schema(_spec(schema, path))
+
+    groups = [*read_row_groups(path, None, expected)]
+    table = pa.concat_tables(groups) if groups else found[0].empty_table()
+    spec = _spec(found[0], path)
+    check_splits(table, SPLITS, path)
     try:
         transitions = Transitions(spec=spec, **_arrays(table, spec))
     except TransitionsError as error:
-        message = f"{path}: {error}; run the convert stage again"
+        message = f"{path}: {error}; {AGAIN}"
         raise TableError(message) from error
-    return TransitionTable(transitions=transitions, split=_split(table, path), segment=_segment(table, path))
+    split = codes(table, "split", SPLITS)
+    return TransitionTable(transitions=transitions, split=split, segment=_segment(table, path))
 
 
 def table_files(folder: Path, split: Split | None = None) -> list[Path]:
-    """Return the files of transitions of an experiment's folder of tables, or of a folder of such files.
-
-    Args:
-        folder: the folder.
-        split: the split that is wanted; None for all.
-
-    Returns:
-        The files of the split, by name; of all, split by split.
-
-    Raises:
-        TableError: there are no files of any split.
-    """
-    inner = folder / FOLDER if (folder / FOLDER).is_dir() else folder
-    files = split_files(inner, SPLITS, split)
-    if not files and not split_files(inner, SPLITS, None):
-        message = f"{folder}: expected Parquet files of transitions, but there are none; run the convert stage first"
-        raise TableError(message)
-    return files
+    """Return the files of transitions in a folder; see `files_of_kind`."""
+    return files_of_kind(folder, FOLDER, SPLITS, split)
 
 
 def load_transitions(folder: Path, split: Split | None = None) -> Transitions:
@@ -207,7 +183,7 @@ def _schema(spec: SpaceSpec) -> pa.Schema:
         else [("action", pa.int64())]
     )
     columns = [
-        *((name, SCALARS[name]) for name in ("episode", "step", "time_ns")),
+        *((name, SCALARS[name]) for name in COUNTERS),
         *((name, pa.float32()) for name in _names("observation", spec.observation)),
         *action,
         ("reward", SCALARS["reward"]),
@@ -217,7 +193,7 @@ def _schema(spec: SpaceSpec) -> pa.Schema:
         ("segment", LABEL),
     ]
     about = {"format_version": FORMAT_VERSION, "spaces": spec.to_json()}
-    return pa.schema(columns, metadata={METADATA_KEY: json.dumps(about, sort_keys=True).encode()})
+    return described(columns, about)
 
 
 def _names(prefix: str, dimensions: tuple[Dimension, ...]) -> list[str]:
@@ -239,94 +215,28 @@ def _columns(table: TransitionTable) -> dict[str, Any]:
     return columns
 
 
-def _read_arrow(path: Path) -> pa.Table:
-    try:
-        with pq.ParquetFile(path, page_checksum_verification=True) as file:
-            return file.read()
-    except FileNotFoundError as error:
-        message = f"{path}: no such table; run the convert stage first"
-        raise TableError(message) from error
-    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
-        reason = str(error).split("\n", maxsplit=1)[0]
-        message = (
-            f"{path}: expected a whole Parquet file, but it cannot be read ({reason}); run the convert stage again"
-        )
-        raise TableError(message) from error
-
-
 def _spec(schema: pa.Schema, path: Path) -> SpaceSpec:
-    text = (schema.metadata or {}).get(METADATA_KEY)
-    if text is None:
-        message = f"{path}: a Parquet file, but not a table of transitions that the convert stage wrote"
-        raise TableError(message)
     try:
-        about = json.loads(text)
-        version = about["format_version"]
-    except (ValueError, KeyError, TypeError) as error:
-        message = f"{path}: the description of the table is damaged; run the convert stage again"
-        raise TableError(message) from error
-    if version != FORMAT_VERSION:
-        message = (
-            f"{path}: expected table format {FORMAT_VERSION}, found {version!r}; run the convert stage of this version"
-        )
-        raise TableError(message)
-    try:
-        return SpaceSpec.from_json(about.get("spaces"))
+        return SpaceSpec.from_json(description(schema, path, "transitions", FORMAT_VERSION).get("spaces"))
     except TransitionsError as error:
-        message = f"{path}: {error}; run the convert stage again"
+        message = f"{path}: {error}; {AGAIN}"
         raise TableError(message) from error
-
-
-def _check_schema(table: pa.Table, expected: pa.Schema, path: Path) -> None:
-    for field in expected:
-        found = table.schema.field(field.name).type if field.name in table.schema.names else None
-        same = found == field.type or (pa.types.is_dictionary(field.type) and _is_label(found))
-        if not same:
-            what = "is missing" if found is None else f"is {found}"
-            message = f"{path}: column '{field.name}' should be {field.type}, but {what}; run the convert stage again"
-            raise TableError(message)
-        if missing := table.column(field.name).null_count:
-            message = f"{path}: column '{field.name}' lacks {missing} values; run the convert stage again"
-            raise TableError(message)
-
-
-def _is_label(found: pa.DataType | None) -> bool:
-    # Parquet keeps the strings of a dictionary, not the width of its indices.
-    return found is not None and pa.types.is_dictionary(found) and found.value_type == pa.string()
 
 
 def _arrays(table: pa.Table, spec: SpaceSpec) -> dict[str, Any]:
     arrays = {name: table.column(name).to_numpy() for name in SCALARS}
     for name in ("observation", "next_observation"):
-        arrays[name] = _stack(table, _names(name, spec.observation))
+        arrays[name] = stack(table, _names(name, spec.observation))
     if isinstance(spec.action, ContinuousAction):
-        arrays["action"] = _stack(table, _names("action", spec.action.dimensions))
+        arrays["action"] = stack(table, _names("action", spec.action.dimensions))
     else:
         arrays["action"] = table.column("action").to_numpy()
     return arrays
 
 
-def _stack(table: pa.Table, names: list[str]) -> np.ndarray[Any, Any]:
-    stacked = np.empty((table.num_rows, len(names)), dtype=np.float32)
-    for index, name in enumerate(names):
-        stacked[:, index] = table.column(name).to_numpy()
-    return stacked
-
-
-def _split(table: pa.Table, path: Path) -> Int8[np.ndarray, " step"]:
-    column = table.column("split").unify_dictionaries().combine_chunks()
-    labels = column.dictionary.to_pylist() if len(column) else []
-    if unknown := sorted(set(labels) - set(SPLITS)):
-        message = f"{path}: expected the splits {', '.join(SPLITS)}, found '{unknown[0]}'; run the convert stage again"
-        raise TableError(message)
-    to_index = np.array([SPLITS.index(label) for label in labels], dtype=np.int8)
-    indices = column.indices.to_numpy() if len(column) else np.empty(0, dtype=np.int64)
-    return to_index[indices] if len(labels) else np.empty(0, dtype=np.int8)
-
-
 def _segment(table: pa.Table, path: Path) -> str:
     segments = table.column("segment").unique().to_pylist()
     if len(segments) != 1:
-        message = f"{path}: expected rows of one segment, found {len(segments)} segments; run the convert stage again"
+        message = f"{path}: expected rows of one segment, found {len(segments)} segments; {AGAIN}"
         raise TableError(message)
     return str(segments[0])

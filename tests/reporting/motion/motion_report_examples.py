@@ -149,7 +149,7 @@ def example() -> dict[str, Any]:
 
 
 def data_json(prefix: str = "Walker", *, made_up: bool = True) -> dict[str, Any]:
-    """What import_motion writes, of clips with such names."""
+    """What convert writes, of clips with such names."""
     clips = {
         f"{prefix}_{name}{mirror}": {
             "group": f"{prefix}_{name}",

@@ -13,7 +13,7 @@ from motion_examples import assert_same_motion, concatenate, make_clip
 
 from addressed_dynamics.base.errors import TableError
 from addressed_dynamics.episodes.layout import INPUT, OUTPUT
-from addressed_dynamics.episodes.parquet import METADATA_KEY
+from addressed_dynamics.episodes.tables import METADATA_KEY
 from addressed_dynamics.sources.motion.splits import MOTION_SPLITS
 from addressed_dynamics.sources.motion.tables import load_motion, motion_writer, read_columns, stream_tables
 
@@ -111,7 +111,9 @@ def test_some_columns_are_read_without_the_others(table: Path) -> None:
         np.testing.assert_array_equal(found["output.root_turn"], concatenate(PARTS).y[:, OUTPUT.root_turn][:, 0])
         assert found["clip"].tolist() == concatenate(PARTS).clip.tolist()
         assert found["split"].tolist() == ["train"] * len(concatenate(PARTS))
-    with pytest.raises(TableError, match=r"has no column 'output\.speed'; for instance, it has 'input\.trajectory"):
+    with pytest.raises(
+        TableError, match=r"there is no column 'output\.speed' in such a table; for instance, it has 'output\."
+    ):
         read_columns(table, ["output.speed"])
 
 
@@ -149,7 +151,7 @@ def nan_in_first(column: pa.ChunkedArray) -> pa.Array:
 
 
 WRONG = {
-    "no description": (lambda t: t.replace_schema_metadata(None), "but not a table of motion that import_motion wrote"),
+    "no description": (lambda t: t.replace_schema_metadata(None), "but not a table of motion that"),
     "another kind": (with_metadata(lambda about: about | {"kind": "steps"}), "but not a table of motion"),
     "a damaged description": (lambda t: t.replace_schema_metadata({METADATA_KEY: "{"}), "description of the table is"),
     "a description that is a list": (with_metadata(lambda about: [about]), "description of the table is damaged"),
@@ -197,11 +199,9 @@ def test_a_damaged_page_fails_its_checksum(tmp_path: Path, table: Path) -> None:
 
 
 def test_missing_tables_and_empty_splits_are_errors(tmp_path: Path, table: Path) -> None:
-    with pytest.raises(
-        TableError, match="expected Parquet files of motion, but there are none; run the stage import_motion"
-    ):
+    with pytest.raises(TableError, match="expected Parquet files of motion, but there are none; run the convert stage"):
         load_motion(tmp_path)
-    with pytest.raises(TableError, match=r"none\.parquet: no such table; run the stage import_motion first"):
+    with pytest.raises(TableError, match=r"none\.parquet: no such table; run the convert stage first"):
         read_columns(tmp_path / "none.parquet", ["phase"])
     with pytest.raises(TableError, match="no row is in the split 'rows'; convert more clips or raise its share"):
         load_motion(table.parent, "rows")

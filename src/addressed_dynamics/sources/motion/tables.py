@@ -22,7 +22,18 @@ from addressed_dynamics.base.errors import MotionError, TableError
 from addressed_dynamics.base.files import atomic_path
 from addressed_dynamics.episodes.layout import FRAME_RATE, INPUT, OUTPUT, Layout
 from addressed_dynamics.episodes.motion import Motion
-from addressed_dynamics.episodes.parquet import METADATA_KEY, split_files
+from addressed_dynamics.episodes.tables import (
+    AGAIN,
+    METADATA_KEY,
+    check_splits,
+    described,
+    description,
+    files_of_kind,
+    open_writer,
+    read_row_groups,
+    stack,
+    texts,
+)
 from addressed_dynamics.sources.motion.source import join_motion
 from addressed_dynamics.sources.motion.splits import MOTION_SPLITS, MotionSplit
 
@@ -97,7 +108,7 @@ class _SplitFiles:
         self._waiting, self._waiting_rows = [], 0
         if self._writer is None or self._rows >= self._file_rows:
             self.close()
-            self._writer = _open_writer(self._folder / f"part-{self._files:04d}.parquet")
+            self._writer = open_writer(self._folder / f"part-{self._files:04d}.parquet", SCHEMA, COUNTERS)
             self._files, self._rows = self._files + 1, 0
         split = np.full(len(motion), self._split, dtype=np.int8)
         self._writer.write_table(_table(motion, split), row_group_size=self._row_group_rows)
@@ -111,24 +122,8 @@ class _SplitFiles:
 
 
 def motion_files(folder: Path, split: MotionSplit | None = None) -> list[Path]:
-    """Return the files of motion of an experiment's folder of tables, or of a folder of such files.
-
-    Args:
-        folder: the folder.
-        split: the split that is wanted; None for all.
-
-    Returns:
-        The files of the split, by name; of all, split by split.
-
-    Raises:
-        TableError: there are no files of any split.
-    """
-    inner = folder / FOLDER if (folder / FOLDER).is_dir() else folder
-    files = split_files(inner, MOTION_SPLITS, split)
-    if not files and not split_files(inner, MOTION_SPLITS, None):
-        message = f"{folder}: expected Parquet files of motion, but there are none; run the stage import_motion first"
-        raise TableError(message)
-    return files
+    """Return the files of motion in a folder; see `files_of_kind`."""
+    return files_of_kind(folder, FOLDER, MOTION_SPLITS, split)
 
 
 def load_motion(folder: Path, split: MotionSplit | None = None) -> Motion:
@@ -159,7 +154,7 @@ def stream_tables(folder: Path, split: MotionSplit | None = None) -> Iterator[Mo
     """
     for path in motion_files(folder, split):
         for table in _row_groups(path, None):
-            rows = np.arange(table.num_rows) if split is None else np.flatnonzero(_texts(table, "split") == split)
+            rows = np.arange(table.num_rows) if split is None else np.flatnonzero(texts(table, "split") == split)
             if len(rows) == table.num_rows:
                 yield _motion(table, path)
             elif len(rows):
@@ -181,7 +176,7 @@ def _read_columns(files: Sequence[Path], names: Sequence[str]) -> dict[str, np.n
         for table in _row_groups(file, names):
             for name in names:
                 is_text = pa.types.is_dictionary(TYPES[name])
-                parts[name].append(_texts(table, name) if is_text else table.column(name).to_numpy())
+                parts[name].append(texts(table, name) if is_text else table.column(name).to_numpy())
     return {name: np.concatenate(arrays) if arrays else np.empty(0) for name, arrays in parts.items()}
 
 
@@ -204,24 +199,12 @@ def _schema() -> pa.Schema:
         ("phase", pa.float32()),
         *((name, pa.float32()) for name in (*INPUTS, *OUTPUTS)),
     ]
-    return pa.schema(columns, metadata={METADATA_KEY: json.dumps(about, sort_keys=True).encode()})
+    return described(columns, about)
 
 
 SCHEMA = _schema()
 """Columns of a table of motion, with the layout in its metadata."""
 TYPES = dict(zip(SCHEMA.names, SCHEMA.types, strict=True))
-
-
-def _open_writer(path: Path) -> pq.ParquetWriter:
-    floats = [field.name for field in SCHEMA if field.type == pa.float32()]
-    return pq.ParquetWriter(
-        path,
-        SCHEMA,
-        compression="zstd",
-        use_dictionary=["clip", "split"],
-        column_encoding=dict.fromkeys(floats, "BYTE_STREAM_SPLIT") | dict.fromkeys(COUNTERS, "DELTA_BINARY_PACKED"),
-        write_page_checksum=True,
-    )
 
 
 def _table(motion: Motion, split: Int8[np.ndarray, " row"]) -> pa.Table:
@@ -240,90 +223,24 @@ def _table(motion: Motion, split: Int8[np.ndarray, " row"]) -> pa.Table:
 
 def _row_groups(path: Path, names: Sequence[str] | None) -> Iterator[pa.Table]:
     """Yield the row groups of a file, with all columns or some."""
-    try:
-        with pq.ParquetFile(path, page_checksum_verification=True) as file:
-            _check_metadata(file.schema_arrow, path)
-            _check_columns(file.schema_arrow, SCHEMA.names if names is None else names, path)
-            for group in range(file.num_row_groups):
-                table = file.read_row_group(group, columns=None if names is None else list(names))
-                _check_values(table, path)
-                yield table
-    except FileNotFoundError as error:
-        message = f"{path}: no such table; run the stage import_motion first"
-        raise TableError(message) from error
-    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
-        reason = str(error).split("\n", maxsplit=1)[0]
-        message = f"{path}: expected a whole Parquet file, but it cannot be read ({reason}); run import_motion again"
-        raise TableError(message) from error
+    for table in read_row_groups(path, names, _expected):
+        if "split" in table.column_names:
+            check_splits(table, MOTION_SPLITS, path)
+        yield table
 
 
-def _check_metadata(found: pa.Schema, path: Path) -> None:
-    text = (found.metadata or {}).get(METADATA_KEY)
-    expected = json.loads(SCHEMA.metadata[METADATA_KEY])
-    try:
-        about = json.loads(text) if text is not None else {}
-        version = about.get("format_version")
-    except (ValueError, AttributeError) as error:
-        message = f"{path}: the description of the table is damaged; run import_motion again"
-        raise TableError(message) from error
-    if about.get("kind") != expected["kind"]:
-        message = f"{path}: a Parquet file, but not a table of motion that import_motion wrote"
+def _expected(found: pa.Schema, path: Path) -> pa.Schema:
+    """Check that a file is of this layout; return its schema."""
+    if description(found, path, "motion", FORMAT_VERSION) != json.loads(SCHEMA.metadata[METADATA_KEY]):
+        message = f"{path}: its inputs and outputs have another layout; run the convert stage of this version"
         raise TableError(message)
-    if version != FORMAT_VERSION:
-        message = f"{path}: expected table format {FORMAT_VERSION}, found {version!r}; run this version's import_motion"
-        raise TableError(message)
-    if about != expected:
-        message = f"{path}: its inputs and outputs have another layout; run this version's import_motion"
-        raise TableError(message)
-
-
-def _check_columns(found: pa.Schema, names: Sequence[str], path: Path) -> None:
-    types = dict(zip(found.names, found.types, strict=True))
-    for name in names:
-        if name not in TYPES:
-            message = f"{path}: a table of motion has no column '{name}'; for instance, it has '{INPUTS[0]}'"
-            raise TableError(message)
-        expected, kind = TYPES[name], types.get(name)
-        # Parquet keeps the strings of a dictionary, not the width of its indices.
-        is_label = pa.types.is_dictionary(expected) and kind is not None and pa.types.is_dictionary(kind)
-        if kind != expected and not is_label:
-            what = "is missing" if kind is None else f"is {kind}"
-            message = f"{path}: column '{name}' should be {expected}, but {what}; run import_motion again"
-            raise TableError(message)
-
-
-def _check_values(table: pa.Table, path: Path) -> None:
-    for name, column in zip(table.column_names, table.columns, strict=True):
-        if missing := column.null_count:
-            message = f"{path}: column '{name}' lacks {missing} values; run import_motion again"
-            raise TableError(message)
-    if "split" in table.column_names:
-        unknown = sorted(set(table.column("split").unique().to_pylist()) - set(MOTION_SPLITS))
-        if unknown:
-            expected = ", ".join(MOTION_SPLITS)
-            message = f"{path}: expected the splits {expected}, found '{unknown[0]}'; run import_motion again"
-            raise TableError(message)
+    return SCHEMA
 
 
 def _motion(table: pa.Table, path: Path) -> Motion:
     arrays = {name: table.column(name).to_numpy() for name in ("phase", *COUNTERS)}
     try:
-        return Motion(x=_stack(table, INPUTS), y=_stack(table, OUTPUTS), clip=_texts(table, "clip"), **arrays)
+        return Motion(x=stack(table, INPUTS), y=stack(table, OUTPUTS), clip=texts(table, "clip"), **arrays)
     except MotionError as error:
-        message = f"{path}: {error}; run import_motion again"
+        message = f"{path}: {error}; {AGAIN}"
         raise TableError(message) from error
-
-
-def _stack(table: pa.Table, names: Sequence[str]) -> np.ndarray[Any, Any]:
-    stacked = np.empty((table.num_rows, len(names)), dtype=np.float32)
-    for index, name in enumerate(names):
-        stacked[:, index] = table.column(name).to_numpy()
-    return stacked
-
-
-def _texts(table: pa.Table, name: str) -> np.ndarray[Any, Any]:
-    column = table.column(name).unify_dictionaries().combine_chunks()
-    if not len(column):
-        return np.empty(0, dtype="U1")
-    texts: np.ndarray[Any, Any] = np.array(column.dictionary.to_pylist())[column.indices.to_numpy()]
-    return texts
