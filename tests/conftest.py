@@ -18,12 +18,13 @@ settings.load_profile("no_deadline")
 
 LONGEST = (
     "test_pipeline.py",
-    "test_import_bad_logs.py",
-    "test_pipeline_changes.py",
     "test_stages.py",
-    "test_example.py",
-    "test_third_kind.py",
     "test_tracking.py",
+    "test_import_bad_logs.py",
+    "test_third_kind.py",
+    "test_pipeline_changes.py",  # when test_pipeline.py has made what it changes
+    "test_interruptions.py",
+    "test_report.py",
 )
 """Files that take long: begun first, they are not what one worker does while the others have nothing left to do."""
 
