@@ -349,7 +349,8 @@ def test_lists_and_arrays_give_arrays_tensors_give_tensors_and_one_sample_gives_
     assert isinstance(model.predict(torch.from_numpy(state), action), torch.Tensor)
     np.testing.assert_allclose(model.predict(state[1].tolist(), int(action[1])), expected[1], rtol=1e-6)
     assert model.rollout(state[0], [0, 2, 1]).shape == (3, 2)
-    assert torch.equal(model.address(state, action), model.address(torch.from_numpy(state), torch.from_numpy(action)))
+    picked = model.address(torch.from_numpy(state), torch.from_numpy(action))
+    np.testing.assert_array_equal(model.address(state, action), picked.numpy())
     assert model.probabilities(state.tolist(), action.tolist()).shape == (3, model.ensemble.members)
     assert model.member_predictions(state, action).shape == (model.ensemble.members, 3, 2)
 
@@ -372,12 +373,88 @@ def test_lists_of_a_wrong_form_are_refused_in_words_of_the_model(
 def test_outputs_of_members_are_decoded_from_arrays_as_from_tensors() -> None:
     model = untrained_model(WORLDS["car"], seed=1)
     state, action = WORLDS["car"].observation[:3], WORLDS["car"].action[:3]
-    found = model.decode(model.member_outputs(state, action).numpy(), state)
-    assert torch.equal(found, model.member_predictions(torch.from_numpy(state), action))
+    found = model.decode(model.member_outputs(state, action), state)
+    np.testing.assert_array_equal(found, model.member_predictions(torch.from_numpy(state), action).numpy())
 
 
-def test_a_model_says_what_it_is() -> None:
+def test_a_model_says_what_it_is(folder: Path) -> None:
     said = repr(untrained_model(WORLDS["car"], seed=1))
-    step = WORLDS["car"].spec.step_seconds
-    assert said.startswith(f"AddressedDynamics(argmax; position, velocity; {step:g} s a step, history 1, 3 x (5, ")
-    assert said.endswith(" parameters)")
+    assert said == (
+        "AddressedDynamics(mode argmax; states position, velocity; actions push_left, no_push, push_right; "
+        "0.0333333 s a step; history 1; 3 x (5, 16, 8, 2), addressing (5, 12, 3); 861 parameters)"
+    )
+    assert "actions torque, brake;" in repr(untrained_model(WORLDS["arm"]))
+    loaded = repr(AddressedDynamics.load(folder, mode="blend"))
+    assert loaded.startswith(
+        "AddressedDynamics(candidate ensemble, seed 4, variant cost_sensitive; mode blend; states "
+    )
+    alone = repr(AddressedDynamics.load(folder, candidate="relu_512", seed=5))
+    assert alone.startswith("AddressedDynamics(candidate relu_512, seed 5; single network; states ")
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_a_model_is_loaded_in_any_mode_that_is_asked_for(folder: Path, mode: Mode) -> None:
+    world = WORLDS["car"]
+    for asked in ({}, {"seed": 2}, {"candidate": "ensemble", "variant": "plain"}):
+        model = AddressedDynamics.load(folder, **asked, mode=mode)  # type: ignore[arg-type] # mypy reads one type of value
+        assert model.mode == mode
+        found, expected = (
+            model.predict(world.observation, world.action, each, generator=torch.Generator().manual_seed(0))
+            for each in (None, mode)
+        )
+        np.testing.assert_array_equal(found, expected)
+
+
+def test_a_mode_that_makes_no_sense_for_what_is_loaded_is_refused_in_one_line(folder: Path) -> None:
+    with pytest.raises(ModelError, match=r"^there is no addressing mode 'phase' \(modes: argmax, [^\n]*$"):
+        AddressedDynamics.load(folder, mode="phase")  # type: ignore[arg-type] # that is the point
+    with pytest.raises(ModelError, match=r"^mode 'mixture' was asked for, but this is a single network[^\n]*$"):
+        AddressedDynamics.load(folder, candidate="relu_512", mode="mixture")
+
+
+def test_the_folder_of_one_model_leaves_nothing_to_choose(folder: Path) -> None:
+    own = folder / "baselines" / "relu_512" / "seed-5"
+    assert AddressedDynamics.load(own).ensemble.members == 1
+    for asked in ({"candidate": "relu_512"}, {"seed": 3}, {"variant": "plain"}):
+        with pytest.raises(ModelError, match=f"this is one saved model, of which no {next(iter(asked))} can be chosen"):
+            AddressedDynamics.load(own, **asked)  # type: ignore[arg-type] # mypy reads one type of value
+
+
+def test_a_folder_that_holds_no_models_is_told_apart_from_one_that_is_not_whole(folder: Path, tmp_path: Path) -> None:
+    shutil.copytree(folder, tmp_path / "car")
+    with pytest.raises(
+        ModelError, match=r"neither a saved model nor the models of an experiment.* \(folders in it: car\)"
+    ):
+        AddressedDynamics.load(tmp_path)
+
+
+def test_models_that_name_their_runs_are_said_to_be_of_an_earlier_version(folder: Path, tmp_path: Path) -> None:
+    old = shutil.copytree(folder, tmp_path / "car")
+    (old / "delivered.json").unlink()
+    (old / "ensemble" / "seed-4" / "mlflow_run.json").write_text('{"run_id": "1", "experiment_id": "1", "name": "x"}')
+    with pytest.raises(
+        ModelError, match=r"^[^\n]*earlier version .*'dvc repro evaluate@car', or load one by its 'seed'$"
+    ):
+        AddressedDynamics.load(old)
+    assert is_of(AddressedDynamics.load(old, seed=4), 4, "cost_sensitive")
+
+
+def test_a_model_of_the_first_version_is_refused_in_one_line(folder: Path, tmp_path: Path) -> None:
+    old = shutil.copytree(folder, tmp_path / "car")
+    for path in old.rglob("config.json"):
+        config = json.loads(path.read_text())
+        for name in ("history", "history_weight", "angles", "angle_from", "velocity"):
+            del config["features"][name]
+        del config["architecture"]["shared"]
+        path.write_text(json.dumps(config))
+    with pytest.raises(ModelError, match=r"^[^\n]*the first version of this package .* train it again: 'dvc repro'$"):
+        AddressedDynamics.load(old, seed=4)
+
+
+def test_a_model_saved_before_layers_could_be_shared_is_loaded(folder: Path, tmp_path: Path) -> None:
+    old = shutil.copytree(folder, tmp_path / "car")
+    for path in old.rglob("config.json"):
+        config = json.loads(path.read_text())
+        del config["architecture"]["shared"]
+        path.write_text(json.dumps(config))
+    assert is_of(AddressedDynamics.load(old), 4, "cost_sensitive")

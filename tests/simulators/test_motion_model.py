@@ -14,6 +14,7 @@ from addressed_dynamics.networks.files import SavedNetwork, save_network
 from addressed_dynamics.networks.spline import catmull_rom
 from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.simulators.delivery import Delivered, write_delivered
+from addressed_dynamics.simulators.modes import MODES
 from addressed_dynamics.simulators.motion import MOTION_MODES, MotionMode, MotionModel
 from addressed_dynamics.sources.motion.params import MotionFeatureParams
 
@@ -141,11 +142,72 @@ def test_a_folder_of_models_gives_the_seed_and_the_mode_that_evaluation_delivere
     assert loaded.mode == "mixture"
     assert torch.equal(loaded.networks.weights[0], stack(3, 342, 8, 311, seed=2).weights[0])
     assert MotionModel.load(tmp_path, seed=0).mode == "argmax"
+    assert MotionModel.load(tmp_path, mode="blend").mode == "blend"
+    said = repr(MotionModel.load(tmp_path))
+    assert said.startswith("MotionModel(candidate ensemble, seed 2, variant plain; mode mixture; inputs trajectory_pos")
+
+
+def test_a_saved_model_is_loaded_in_any_mode_that_it_knows(tmp_path: Path) -> None:
+    addressed("mixture").save(tmp_path / "addressed", {})
+    for mode in MODES:
+        loaded = MotionModel.load(tmp_path / "addressed", mode=mode)
+        assert torch.equal(loaded.predict(X[:2], generator=torch.Generator().manual_seed(0)),
+                           addressed(mode).predict(X[:2], generator=torch.Generator().manual_seed(0)))  # fmt: skip
+    assert MotionModel.load(tmp_path / "addressed").mode == "mixture"
+    phased().save(tmp_path / "phased", {})
+    assert MotionModel.load(tmp_path / "phased", mode="phase").mode == "phase"
+    MotionModel(FEATURES, stack(1, 342, 8, 311)).save(tmp_path / "single", {})
+    refused = [("addressed", "phase", "a model of mode 'mixture' has no mode 'phase'"),
+               ("addressed", "guess", "no addressing mode 'guess' .modes: argmax, .*, phase"),
+               ("phased", "argmax", "a model of mode 'phase' has no mode 'argmax'"),
+               ("single", "mixture", "a single network, which has no modes")]  # fmt: skip
+    for name, asked, match in refused:
+        with pytest.raises(ModelError, match=match):
+            MotionModel.load(tmp_path / name, mode=asked)  # type: ignore[arg-type] # that is the point
+
+
+def test_a_saved_model_leaves_no_candidate_seed_or_variant_to_choose(tmp_path: Path) -> None:
+    addressed().save(tmp_path / "model", {})
+    with pytest.raises(ModelError, match="this is one saved model, of which no candidate or seed can be chosen"):
+        MotionModel.load(tmp_path / "model", candidate="relu_512", seed=3)
+    with pytest.raises(ModelError, match="of which no variant can be chosen"):
+        MotionModel.load(tmp_path / "model", variant="plain")
+
+
+def test_motion_models_that_name_their_runs_are_said_to_be_of_an_earlier_version(tmp_path: Path) -> None:
+    save_network(tmp_path / "ensemble" / "seed-0", SavedNetwork(addressed().networks, FEATURES, {}))
+    write_json(tmp_path / "ensemble" / "seed-0" / "mlflow_run.json", {"run_id": "1"})
+    with pytest.raises(ModelError, match=r"^[^\n]*an earlier version [^\n]*, or load one by its 'seed'$"):
+        MotionModel.load(tmp_path)
+
+
+def test_one_frame_is_answered_without_the_axis_of_a_batch() -> None:
+    model, frame = addressed("mixture"), X[1]
+    for given, kind in ((frame, torch.Tensor), (frame.numpy(), np.ndarray), (frame.tolist(), np.ndarray)):
+        found = (
+            model.predict(given),
+            model.member_predictions(given),
+            model.probabilities(given),
+            model.address(given),
+        )
+        batch = (model.predict(X), model.member_predictions(X), model.probabilities(X), model.address(X))
+        rows = (batch[0][1], batch[1][:, 1], batch[2][1], batch[3][1])
+        for one, row in zip(found, rows, strict=True):
+            assert isinstance(one, kind)
+            assert one.shape == row.shape
+            np.testing.assert_allclose(np.asarray(one), row.numpy(), rtol=1e-4, atol=1e-3)
+
+
+def test_a_closed_loop_that_has_left_all_bounds_goes_on() -> None:
+    lost = torch.full((2, 342), torch.nan)
+    for mode in MODES:
+        assert addressed().predictor(mode)(lost, torch.zeros(2)).isnan().all()
 
 
 def test_lists_and_one_frame_are_taken_too_and_a_model_says_what_it_is() -> None:
     model, expected = addressed("mixture"), addressed("mixture").predict(X)
     np.testing.assert_allclose(model.predict(X.tolist()), expected.numpy(), rtol=1e-6)
     np.testing.assert_allclose(model.predict(MOTION.x[1]), expected[1].numpy(), rtol=1e-4, atol=1e-4)
-    assert torch.equal(model.address(MOTION.x), model.address(X))
-    assert repr(model).startswith("MotionModel(mixture; 3 x (342, 8, 311), addressing (342, 8, 3), ")
+    np.testing.assert_array_equal(model.address(MOTION.x), model.address(X).numpy())
+    assert repr(model).startswith("MotionModel(mode mixture; inputs trajectory_position_x, ")
+    assert repr(model).endswith("; 3 x (342, 8, 311), addressing (342, 8, 3); 19,400 parameters)")

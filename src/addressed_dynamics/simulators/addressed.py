@@ -7,22 +7,26 @@ from typing import overload
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int64
+from jaxtyping import Float
 from torch import Tensor
 
 from addressed_dynamics.base.errors import ModelError
 from addressed_dynamics.episodes.transitions import DiscreteAction
 from addressed_dynamics.features.transitions.spec import FeatureSpec
 from addressed_dynamics.networks.addressing import addressed_members, addressing_scores
-from addressed_dynamics.networks.files import load_network
+from addressed_dynamics.networks.files import load_network, read_index
 from addressed_dynamics.networks.stacked import StackedMLP
-from addressed_dynamics.simulators.arrays import Plain, Values, answer, as_tensor
-from addressed_dynamics.simulators.delivery import Parts, find_parts
-from addressed_dynamics.simulators.modes import MODES, Mode
+from addressed_dynamics.simulators.arrays import Plain, Values, answer, as_tensor, finite, shown_names
+from addressed_dynamics.simulators.delivery import Origin, Parts, find_parts
+from addressed_dynamics.simulators.modes import MODES, Mode, check_choice, no_mode
 
 
 class AddressedDynamics:
-    """A learned simulator: from states and actions to next states, in the environment's units."""
+    """A learned simulator: from states and actions to next states, in the environment's units.
+
+    Every method takes tensors, arrays or lists, of a batch or of one sample, and answers one sample without the axis of
+    the batch; with a tensor if the first argument is one, else with an array.
+    """
 
     def __init__(
         self,
@@ -31,6 +35,7 @@ class AddressedDynamics:
         addressing: StackedMLP | None = None,
         *,
         mode: Mode = "argmax",
+        origin: Origin | None = None,
     ) -> None:
         """Put a model together.
 
@@ -40,6 +45,7 @@ class AddressedDynamics:
             addressing: one network with n outputs, or n heads of one output on a trunk that they share; not needed if
                 there is only one member.
             mode: how `predict` uses them if it is not told.
+            origin: which of an experiment's models it is, for `repr`; None if it is none of them.
 
         Raises:
             ModelError: the networks do not fit each other or the features, or there is no such mode.
@@ -64,42 +70,55 @@ class AddressedDynamics:
             )
             raise ModelError(message)
         if mode not in MODES:
-            raise _no_mode(mode)
+            raise no_mode(mode, MODES)
         self.features = features
         self.ensemble = ensemble
         self.addressing = addressing
         self.mode: Mode = mode
+        self.origin = origin
 
     @staticmethod
     def load(
-        folder: str | Path, *, candidate: str | None = None, seed: int | None = None, variant: str | None = None
+        folder: str | Path,
+        *,
+        candidate: str | None = None,
+        seed: int | None = None,
+        variant: str | None = None,
+        mode: Mode | None = None,
     ) -> AddressedDynamics:
         """Load a trained model: the one that is delivered, if nothing else is asked for.
 
         Args:
-            folder: an experiment's model folder, for instance `data/models/mountaincar`.
+            folder: an experiment's model folder, for instance `data/models/mountaincar`; or the folder of one of its
+                baselines, which leaves no candidate, seed or variant to choose.
             candidate: name of a baseline, for instance `total_parameters`; None for the ensemble.
             seed: which of the trained seeds; None for the one that is delivered, or for a baseline's first.
             variant: which addressing network, `plain` or `cost_sensitive`; None for the one delivered.
+            mode: how `predict` uses the members if it is not told, as there; None for how the model is delivered, or
+                for `argmax` if it is not the one delivered. A single network has no modes.
 
         Raises:
-            ModelError: a file is missing or damaged, or there is no such candidate, seed or variant.
+            ModelError: a file is missing or damaged, or there is no such candidate, seed, variant or mode.
         """
-        return AddressedDynamics.of(find_parts(Path(folder), candidate, seed, variant))
+        return AddressedDynamics.of(find_parts(Path(folder), candidate, seed, variant), mode=mode)
 
     @staticmethod
-    def of(parts: Parts) -> AddressedDynamics:
-        """Load the model that is made of `parts`, in the mode in which it is delivered.
+    def of(parts: Parts, *, mode: Mode | None = None) -> AddressedDynamics:
+        """Load the model that is made of `parts`, in a mode, or else in the mode in which it is delivered.
 
         Raises:
-            ModelError: a file is missing or damaged, or there is no such mode.
+            ModelError: a file is missing or damaged, or the model has no such mode.
         """
+        asked = parts.mode or "argmax" if mode is None else mode
+        used = next((each for each in MODES if each == asked), None)
+        if used is None:
+            raise no_mode(asked, MODES)
+        _check_version(parts.network)
         ensemble = load_network(parts.network, FeatureSpec)
+        if mode is not None:
+            check_choice(mode, ensemble.stack.members)
         addressing = None if parts.addressing is None else load_network(parts.addressing, FeatureSpec).stack
-        mode = next((each for each in MODES if each == parts.mode), None)
-        if parts.mode is not None and mode is None:
-            raise _no_mode(parts.mode)
-        return AddressedDynamics(ensemble.features, ensemble.stack, addressing, mode=mode or "argmax")
+        return AddressedDynamics(ensemble.features, ensemble.stack, addressing, mode=used, origin=parts.origin)
 
     @overload
     def predict(
@@ -132,10 +151,10 @@ class AddressedDynamics:
             Next states, (B, d_obs), or (d_obs,) for one, float32; a tensor for a tensor, else an array.
 
         Raises:
-            ModelError: a shape or the mode is wrong, or a discrete action does not exist.
+            ModelError: a shape or the mode is wrong, a value is not finite, or a discrete action does not exist.
         """
         states, actions, single = self._batch(observation, action)
-        predicted = self._predict(states, actions, mode or self.mode, generator)
+        predicted = self._predict(states, actions, self._mode(mode), generator)
         return answer(predicted, observation, single=single)
 
     @overload
@@ -169,10 +188,10 @@ class AddressedDynamics:
             States, (B, T, d_obs), or (T, d_obs) from one, float32; a tensor for a tensor, else an array.
 
         Raises:
-            ModelError: a shape or the mode is wrong, or a discrete action does not exist.
+            ModelError: a shape or the mode is wrong, a value is not finite, or a discrete action does not exist.
         """
         state, steps, single = self._batch(observation, actions, steps=True)
-        state = state.to(torch.float32)
+        mode = self._mode(mode)
         self.features.check_observation(state)
         history = self.features.history
         if steps.ndim < 2 or len(steps) != len(state) or steps.shape[1] < history - 1:
@@ -182,50 +201,129 @@ class AddressedDynamics:
         states = torch.empty(len(state), steps.shape[1] - history + 1, len(self.features.spaces.observation))
         for t in range(states.shape[1]):
             action = steps[:, t] if history == 1 else steps[:, t : t + history]
-            states[:, t] = self._predict(state, action, mode or self.mode, generator)
+            states[:, t] = self._predict(state, action, mode, generator)
             state = states[:, t] if history == 1 else torch.cat([state[:, 1:], states[:, t : t + 1]], dim=1)
         return answer(states, observation, single=single)
 
+    @overload
+    def member_outputs(self, observation: Tensor, action: Values) -> Tensor: ...
+    @overload
+    def member_outputs(self, observation: Plain, action: Values) -> np.ndarray: ...
     @torch.no_grad()
-    def member_outputs(self, observation: Values, action: Values) -> Float[Tensor, "member sample output"]:
-        """Return the outputs of every member, normalised as `features.encode_target` normalises targets."""
-        states, actions, _ = self._batch(observation, action)
-        outputs: Tensor = self.ensemble(self.features.encode(states, actions))
-        return outputs
+    def member_outputs(self, observation: Values, action: Values) -> Tensor | np.ndarray:
+        """Return the outputs of every member, (n, B, d_out), or (n, d_out) for one sample.
 
+        They are normalised as `features.encode_target` normalises targets.
+
+        Raises:
+            ModelError: as in `predict`.
+        """
+        states, actions, single = self._batch(observation, action)
+        return answer(self.ensemble(self.features.encode(states, actions)), observation, single=single, axis=1)
+
+    @overload
+    def decode(self, output: Tensor, observation: Values) -> Tensor: ...
+    @overload
+    def decode(self, output: Plain, observation: Values) -> np.ndarray: ...
     @torch.no_grad()
-    def decode(
-        self, output: Float[Tensor, "*member sample output"] | np.ndarray, observation: Values
-    ) -> Float[Tensor, "*member sample observation"]:
-        """Return the next states that outputs mean, in the environment's units, for inputs as those of `predict`."""
-        states = as_tensor(observation).to(torch.float32)
-        last = states if self.features.history == 1 else states[..., -1, :]
-        return self.features.decode(as_tensor(output), last)
+    def decode(self, output: Values, observation: Values) -> Tensor | np.ndarray:
+        """Return the next states that outputs mean, in the environment's units.
 
-    def member_predictions(self, observation: Values, action: Values) -> Float[Tensor, "member sample observation"]:
-        """Return what every member predicts, in the environment's units."""
-        states, _, _ = self._batch(observation, action)
-        return self.decode(self.member_outputs(observation, action), states)
+        Args:
+            output: as `member_outputs` returns them, (n, B, d_out), or those of one member, (B, d_out); without B if
+                `observation` is one sample.
+            observation: as in `predict`.
 
-    def address(self, observation: Values, action: Values) -> Int64[Tensor, " sample"]:
-        """Return the member that the addressing network picks for each state and action, given as to `predict`."""
-        return self.probabilities(observation, action).argmax(dim=1)
+        Raises:
+            ModelError: a shape is wrong, or a state is not finite.
+        """
+        states, single = self._states(observation)
+        self.features.check_observation(states)
+        outputs = as_tensor(output).to(torch.float32)
+        batch = outputs.unsqueeze(-2) if single and outputs.ndim else outputs
+        expected = (len(states), self.features.outputs)
+        if batch.ndim not in (2, 3) or batch.shape[-2:] != expected:
+            shape = str(expected[1:] if single else expected)
+            message = (
+                f"outputs should have shape {shape}, or that for each member, for these observations, "
+                f"but have {tuple(outputs.shape)}"
+            )
+            raise ModelError(message)
+        return answer(self._decoded(batch, states), output, single=single, axis=-2)
 
+    @overload
+    def member_predictions(self, observation: Tensor, action: Values) -> Tensor: ...
+    @overload
+    def member_predictions(self, observation: Plain, action: Values) -> np.ndarray: ...
     @torch.no_grad()
-    def probabilities(self, observation: Values, action: Values) -> Float[Tensor, "sample member"]:
-        """Return the softmax of the addressing network's outputs; the member with the highest is selected."""
-        states, actions, _ = self._batch(observation, action)
-        return self.probabilities_of(self.features.encode(states, actions))
+    def member_predictions(self, observation: Values, action: Values) -> Tensor | np.ndarray:
+        """Return what every member predicts, (n, B, d_obs), or (n, d_obs) for one sample, in the environment's units.
+
+        Raises:
+            ModelError: as in `predict`.
+        """
+        states, actions, single = self._batch(observation, action)
+        predicted = self._decoded(self.ensemble(self.features.encode(states, actions)), states)
+        return answer(predicted, observation, single=single, axis=1)
+
+    @overload
+    def address(self, observation: Tensor, action: Values) -> Tensor: ...
+    @overload
+    def address(self, observation: Plain, action: Values) -> np.ndarray: ...
+    @torch.no_grad()
+    def address(self, observation: Values, action: Values) -> Tensor | np.ndarray:
+        """Return the member that the addressing network picks, (B,) int64, or () for one sample.
+
+        Raises:
+            ModelError: as in `predict`.
+        """
+        states, actions, single = self._batch(observation, action)
+        picked = self.probabilities_of(self.features.encode(states, actions)).argmax(dim=1)
+        return answer(picked, observation, single=single)
+
+    @overload
+    def probabilities(self, observation: Tensor, action: Values) -> Tensor: ...
+    @overload
+    def probabilities(self, observation: Plain, action: Values) -> np.ndarray: ...
+    @torch.no_grad()
+    def probabilities(self, observation: Values, action: Values) -> Tensor | np.ndarray:
+        """Return the softmax of the addressing network's outputs, (B, n), or (n,) for one sample.
+
+        The member with the highest is selected.
+
+        Raises:
+            ModelError: as in `predict`.
+        """
+        states, actions, single = self._batch(observation, action)
+        return answer(self.probabilities_of(self.features.encode(states, actions)), observation, single=single)
 
     def __repr__(self) -> str:
-        addressing = "no addressing" if self.addressing is None else f"addressing {self.addressing.widths}"
-        total = self.ensemble.parameters_total + (self.addressing.parameters_total if self.addressing else 0)
-        names = ", ".join(self.features.spaces.observation_names)
-        return (
-            f"AddressedDynamics({self.mode}; {names}; {self.features.spaces.step_seconds:g} s a step, "
-            f"history {self.features.history}, {self.ensemble.members} x {self.ensemble.widths}, {addressing}, "
-            f"{total:,} parameters)"
+        spaces, addressing = self.features.spaces, self.addressing
+        networks = f"{self.ensemble.members} x {self.ensemble.widths}"
+        total = self.ensemble.parameters_total + (addressing.parameters_total if addressing else 0)
+        action = spaces.action
+        names = action.names if isinstance(action, DiscreteAction) else [each.name for each in action.dimensions]
+        parts = (
+            *(() if self.origin is None else (str(self.origin),)),
+            f"mode {self.mode}" if addressing else "single network",
+            f"states {shown_names(spaces.observation_names)}",
+            f"actions {shown_names(names)}",
+            f"{spaces.step_seconds:g} s a step",
+            f"history {self.features.history}",
+            f"{networks}, addressing {addressing.widths}" if addressing else networks,
+            f"{total:,} parameters",
         )
+        return f"AddressedDynamics({'; '.join(parts)})"
+
+    def _mode(self, mode: Mode | None) -> Mode:
+        """Return the mode that is meant.
+
+        Raises:
+            ModelError: there is no such mode.
+        """
+        if mode is not None and mode not in MODES:
+            raise no_mode(mode, MODES)
+        return self.mode if mode is None else mode
 
     def _batch(self, observation: Values, action: Values, *, steps: bool = False) -> tuple[Tensor, Tensor, bool]:
         """Return states and actions as tensors of a batch, and whether they were those of one sample.
@@ -236,22 +334,35 @@ class AddressedDynamics:
             steps: whether there is an action for each of many steps.
 
         Raises:
-            ModelError: they are no numbers, or lists of different lengths.
+            ModelError: they are no finite numbers, or lists of different lengths.
         """
-        states, actions = as_tensor(observation), as_tensor(action)
-        spaces, history = self.features.spaces, self.features.history
-        one = (len(spaces.observation),) if history == 1 else (history, len(spaces.observation))
-        axes = int(steps or history > 1) + int(not isinstance(spaces.action, DiscreteAction))
-        if states.shape == one and actions.ndim == axes:
-            return states.unsqueeze(0), actions.unsqueeze(0), True
-        return states, actions, False
+        (states, one), actions = self._states(observation), as_tensor(action)
+        discrete = isinstance(self.features.spaces.action, DiscreteAction)
+        if not discrete:
+            actions = finite(actions, "actions")
+        axes = int(steps or self.features.history > 1) + int(not discrete)
+        if one and actions.ndim == axes:
+            return states, actions.unsqueeze(0), True
+        return states[0] if one else states, actions, False
+
+    def _states(self, observation: Values) -> tuple[Float[Tensor, "sample ..."], bool]:
+        """Return states as a batch, and whether they were those of one sample."""
+        states = finite(as_tensor(observation), "observations")
+        history, width = self.features.history, len(self.features.spaces.observation)
+        one = states.shape == ((width,) if history == 1 else (history, width))
+        return states.unsqueeze(0) if one else states, one
+
+    def _decoded(
+        self, output: Float[Tensor, "*member sample output"], states: Float[Tensor, "sample ..."]
+    ) -> Float[Tensor, "*member sample observation"]:
+        return self.features.decode(output, states if self.features.history == 1 else states[:, -1])
 
     def _predict(
         self, observation: Tensor, action: Tensor, mode: Mode, generator: torch.Generator | None
     ) -> Float[Tensor, "sample observation"]:
         x = self.features.encode(observation, action)
         output = self.combined(x, self.probabilities_of(x), mode, generator=generator)
-        return self.decode(output, observation)
+        return self._decoded(output, observation)
 
     @torch.no_grad()
     def combined(
@@ -279,14 +390,16 @@ class AddressedDynamics:
             case "argmax":
                 return self.ensemble.forward_routed(x, probabilities.argmax(dim=1))
             case "sample":
-                member = torch.multinomial(probabilities, 1, generator=generator).squeeze(1)
+                # A rollout that has left all bounds has no probabilities; which member says NaN is all the same.
+                drawn = torch.multinomial(probabilities.nan_to_num(nan=1.0), 1, generator=generator)
+                member = drawn.squeeze(1)
                 return self.ensemble.forward_routed(x, member)
             case "mixture":
                 return (probabilities.T.unsqueeze(-1) * (self.ensemble(x) if outputs is None else outputs)).sum(dim=0)
             case "blend":
                 return self.ensemble.forward_blended(x, probabilities)
             case _:
-                raise _no_mode(mode)
+                raise no_mode(mode, MODES)
 
     @torch.no_grad()
     def probabilities_of(self, x: Float[Tensor, "sample input"]) -> Float[Tensor, "sample member"]:
@@ -296,5 +409,16 @@ class AddressedDynamics:
         return torch.softmax(addressing_scores(self.addressing, x), dim=1)
 
 
-def _no_mode(mode: str) -> ModelError:
-    return ModelError(f"there is no addressing mode '{mode}' (modes: {', '.join(MODES)})")
+def _check_version(folder: Path) -> None:
+    """Check that a network is not of the first version, whose features lack what today's have.
+
+    Raises:
+        ModelError: it is; or its config.json is missing or damaged.
+    """
+    features = read_index(folder, "config.json").get("features")
+    if isinstance(features, dict) and "kind" not in features and "history" not in features:
+        message = (
+            f"{folder}: the first version of this package trained this model, which knew no history; train it again: "
+            "'dvc repro'"
+        )
+        raise ModelError(message)

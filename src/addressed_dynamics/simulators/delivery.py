@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from addressed_dynamics.base.errors import ModelError
@@ -13,6 +13,10 @@ FILE = "delivered.json"
 """Name of the file in a folder of models; the evaluation writes it."""
 ENSEMBLE = "ensemble"
 """Name of the candidate that is no baseline."""
+ROOMS = ("ensemble", "addressing", "baselines")
+"""Folders that the trainings make in a folder of models."""
+RUN_FILE = "mlflow_run.json"
+"""Name of what earlier versions left beside every network."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +32,23 @@ class Delivered:
 
 
 @dataclass(frozen=True)
+class Origin:
+    """Which of an experiment's models a model is."""
+
+    candidate: str
+    """`ensemble`, or the name of a baseline."""
+    seed: int
+    """The seed that it was trained from."""
+    variant: str | None = None
+    """Its addressing network; None for a baseline."""
+
+    def __str__(self) -> str:
+        """Return it in words."""
+        variant = "" if self.variant is None else f", variant {self.variant}"
+        return f"candidate {self.candidate}, seed {self.seed}{variant}"
+
+
+@dataclass(frozen=True)
 class Parts:
     """Where the networks of one model are."""
 
@@ -37,6 +58,8 @@ class Parts:
     """Folder of what addresses it; None if there is nothing to choose."""
     mode: str | None
     """How it is delivered; None if that was not asked for."""
+    origin: Origin | None = None
+    """Which of the experiment's models it is; None if its own folder was named."""
 
 
 def write_delivered(folder: Path, delivered: Delivered) -> None:
@@ -52,8 +75,8 @@ def read_delivered(folder: Path) -> Delivered:
     """
     if not (folder / FILE).is_file():
         message = (
-            f"{folder / FILE}: missing, so nobody knows which of the models is delivered; evaluation writes it: "
-            f"'dvc repro evaluate@{folder.name}', or load one by its 'seed'"
+            f"{folder / FILE}: missing{_age(folder)}, so nobody knows which of the models is delivered; evaluation "
+            f"writes it: 'dvc repro evaluate@{folder.name}', or load one by its 'seed'"
         )
         raise ModelError(message)
     try:
@@ -67,26 +90,50 @@ def read_delivered(folder: Path) -> Delivered:
         raise ModelError(message) from error
 
 
+def _age(folder: Path) -> str:
+    """Return a remark if the models are of a version that kept the ids of its runs beside them, and delivered none."""
+    if any(folder.rglob(RUN_FILE)):
+        return f" (an earlier version of this package trained these models: there is '{RUN_FILE}' among them)"
+    return ""
+
+
 def find_parts(folder: Path, candidate: str | None, seed: int | None, variant: str | None) -> Parts:
-    """Return where a model is in a folder of models: the delivered one if nothing is asked for.
+    """Return where a model is in a folder of models, the delivered one if nothing is asked for, or in its own folder.
 
     Args:
-        folder: what the training stages wrote.
+        folder: what the training stages wrote, or the folder of one model, of which there is nothing to choose.
         candidate: `ensemble`, or the name of a baseline; None for the ensemble.
         seed: which of the trained seeds; None for the delivered one, or for a baseline's first.
         variant: which addressing network of the ensemble; None for the delivered one, or the one that training chose.
 
     Raises:
-        ModelError: a file is missing or damaged, or there is no such candidate, seed or variant.
+        ModelError: a file is missing or damaged, there is no such candidate, seed or variant, or one was asked for of
+            the folder of one model.
     """
     if not folder.is_dir():
         message = f"{folder}: no such model folder; 'dvc repro' trains it, 'dvc checkout' brings it back"
         raise ModelError(message)
+    if (folder / "network").is_dir():
+        asked = {"candidate": candidate, "seed": seed, "variant": variant}
+        if given := [name for name, value in asked.items() if value is not None]:
+            message = (
+                f"{folder}: this is one saved model, of which no {' or '.join(given)} can be chosen; "
+                "leave that out, or load the folder of the experiment's models"
+            )
+            raise ModelError(message)
+        return parts_in(folder)
+    if not any((folder / name).exists() for name in (*ROOMS, FILE)):
+        there = ", ".join(sorted(path.name for path in folder.iterdir() if path.is_dir())[:5]) or "none"
+        message = (
+            f"{folder}: neither a saved model nor the models of an experiment, for instance 'data/models/mountaincar' "
+            f"(folders in it: {there})"
+        )
+        raise ModelError(message)
     if candidate in (None, ENSEMBLE):
         if seed is not None:
-            return Parts(*addressed_folders(folder, seed, variant), None)
+            return _ensemble(folder, seed, variant, None)
         delivered = read_delivered(folder)
-        return Parts(*addressed_folders(folder, delivered.seed, variant or delivered.variant), delivered.mode)
+        return _ensemble(folder, delivered.seed, variant or delivered.variant, delivered.mode)
     if variant is not None:
         message = f"{folder}: variants are those of the ensemble's addressing network; '{candidate}' has none"
         raise ModelError(message)
@@ -101,7 +148,13 @@ def find_parts(folder: Path, candidate: str | None, seed: int | None, variant: s
             f"{folder}: '{candidate}' was not trained from seed {seed} (seeds there: {', '.join(map(str, seeds))})"
         )
         raise ModelError(message)
-    return parts_in(folder / "baselines" / f"{candidate}/seed-{seeds[0] if seed is None else seed}")
+    chosen = Origin(str(candidate), seeds[0] if seed is None else seed)
+    return replace(parts_in(folder / "baselines" / f"{candidate}/seed-{chosen.seed}"), origin=chosen)
+
+
+def _ensemble(folder: Path, seed: int, variant: str | None, mode: str | None) -> Parts:
+    network, addressing = addressed_folders(folder, seed, variant)
+    return Parts(network, addressing, mode, Origin(ENSEMBLE, seed, addressing.name))
 
 
 def _trained_baselines(folder: Path) -> list[tuple[str, int]]:

@@ -9,18 +9,20 @@ from typing import Any, Literal, get_args, overload
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int64
+from jaxtyping import Float
 from torch import Tensor
 
 from addressed_dynamics.base.errors import ModelError
 from addressed_dynamics.base.files import atomic_path
+from addressed_dynamics.episodes.layout import INPUT, OUTPUT
 from addressed_dynamics.features.motion.features import MotionFeatures
 from addressed_dynamics.networks.addressing import addressed_members, addressing_scores
 from addressed_dynamics.networks.files import SavedNetwork, load_network, save_network
 from addressed_dynamics.networks.spline import CONTROL_POINTS, catmull_rom
 from addressed_dynamics.networks.stacked import StackedMLP
-from addressed_dynamics.simulators.arrays import Plain, Values, answer, as_tensor
-from addressed_dynamics.simulators.delivery import Parts, find_parts, parts_in
+from addressed_dynamics.simulators.arrays import Plain, Values, answer, as_tensor, finite, shown_names
+from addressed_dynamics.simulators.delivery import Origin, Parts, find_parts
+from addressed_dynamics.simulators.modes import check_choice, no_mode
 from addressed_dynamics.simulators.released import load_released
 
 MotionMode = Literal["argmax", "sample", "mixture", "blend", "phase"]
@@ -29,7 +31,11 @@ MOTION_MODES: tuple[MotionMode, ...] = get_args(MotionMode)
 
 
 class MotionModel:
-    """A learned model of motion: from the inputs of frames to their outputs, in the units of `motion.layout`."""
+    """A learned model of motion: from the inputs of frames to their outputs, in the units of `motion.layout`.
+
+    Every method takes tensors, arrays or lists, of a batch or of one frame, and answers one frame without the axis of
+    the batch; with a tensor if the first argument is one, else with an array.
+    """
 
     def __init__(
         self,
@@ -38,6 +44,7 @@ class MotionModel:
         addressing: StackedMLP | None = None,
         *,
         mode: MotionMode = "argmax",
+        origin: Origin | None = None,
     ) -> None:
         """Put a model together.
 
@@ -48,10 +55,13 @@ class MotionModel:
                 or the phase decides.
             mode: how `predict` uses them if it is not told. A phase-functioned network has no other mode than `phase`,
                 and no other network has that mode.
+            origin: which of an experiment's models it is, for `repr`; None if it is none of them.
 
         Raises:
-            ModelError: the networks do not fit each other, the features or the mode.
+            ModelError: the networks do not fit each other, the features or the mode, or there is no such mode.
         """
+        if mode not in MOTION_MODES:
+            raise no_mode(mode, MOTION_MODES)
         if (networks.widths[0], networks.widths[-1]) != (features.inputs, features.outputs):
             message = (
                 f"the networks map {networks.widths[0]} inputs to {networks.widths[-1]} outputs, "
@@ -73,41 +83,53 @@ class MotionModel:
         self.networks = networks
         self.addressing = addressing
         self.mode: MotionMode = mode
+        self.origin = origin
 
     @staticmethod
     def load(
-        folder: str | Path, *, candidate: str | None = None, seed: int | None = None, variant: str | None = None
+        folder: str | Path,
+        *,
+        candidate: str | None = None,
+        seed: int | None = None,
+        variant: str | None = None,
+        mode: MotionMode | None = None,
     ) -> MotionModel:
         """Load what `save` wrote, or a model in a folder that the stages wrote: the one that is delivered.
 
         Args:
-            folder: for instance `data/models/pfnn`.
+            folder: for instance `data/models/pfnn`; or what `save` wrote, which leaves no candidate, seed or variant to
+                choose.
             candidate: name of a baseline, for instance `phase_functioned`; None for the ensemble.
             seed: which of the ensembles; None for the one that is delivered, or for a baseline's first.
             variant: which of its addressing networks; None for the one that is delivered.
+            mode: how `predict` uses the members if it is not told, as there; None for how the model is delivered or was
+                saved, or for `argmax`. A single network has no modes, and a phase-functioned one only `phase`.
 
         Raises:
-            ModelError: a file is missing or damaged, or is of something else; there is no such candidate, seed or
-                variant.
+            ModelError: a file is missing or damaged, or is of something else; there is no such candidate, seed, variant
+                or mode.
         """
-        folder = Path(folder)
-        own = (folder / "network").is_dir()
-        return MotionModel.of(parts_in(folder) if own else find_parts(folder, candidate, seed, variant))
+        return MotionModel.of(find_parts(Path(folder), candidate, seed, variant), mode=mode)
 
     @staticmethod
-    def of(parts: Parts) -> MotionModel:
-        """Load the model that is made of `parts`, in the mode in which it is delivered or was saved.
+    def of(parts: Parts, *, mode: MotionMode | None = None) -> MotionModel:
+        """Load the model that is made of `parts`, in a mode, or else in that in which it is delivered or was saved.
 
         Raises:
-            ModelError: a file is missing or damaged.
+            ModelError: a file is missing or damaged, or the model has no such mode.
         """
+        if mode is not None and mode not in MOTION_MODES:
+            raise no_mode(mode, MOTION_MODES)
         network = load_network(parts.network, MotionFeatures)
-        mode = parts.mode or network.notes.get("mode", "argmax")
-        if mode not in MOTION_MODES:
-            message = f"{parts.network}: no mode of a motion model ({mode}); train the model again"
+        saved = parts.mode or network.notes.get("mode", "argmax")
+        if saved not in MOTION_MODES:
+            message = f"{parts.network}: no mode of a motion model ({saved}); train the model again"
             raise ModelError(message)
+        if mode is not None:
+            check_choice(mode, network.stack.members)
+            _check_phase(saved, mode)
         addressing = None if parts.addressing is None else load_network(parts.addressing, MotionFeatures).stack
-        return MotionModel(network.features, network.stack, addressing, mode=mode)
+        return MotionModel(network.features, network.stack, addressing, mode=mode or saved, origin=parts.origin)
 
     @staticmethod
     def load_released(path: str | Path) -> MotionModel:
@@ -179,52 +201,93 @@ class MotionModel:
             Outputs, (B, 311), or (311,) for one frame, in their own units, float32: a tensor for a tensor, or an array.
 
         Raises:
-            ModelError: a shape or the mode is wrong, or there is no phase where one is needed.
+            ModelError: a shape or the mode is wrong, a value is not finite, or there is no phase where one is needed.
         """
         raw, single = _batch(x)
-        phases = None if phase is None else as_tensor(phase).to(torch.float32).reshape(-1)
-        y = self.features.decode(self._output(self.features.encode(raw), mode or self.mode, phases, generator), raw)
-        return answer(y, x, single=single)
+        phases = None if phase is None else finite(as_tensor(phase), "phases").reshape(-1)
+        return answer(self._predict(raw, mode, phases, generator), x, single=single)
 
     def predictor(
         self, mode: MotionMode | None = None, *, generator: torch.Generator | None = None
     ) -> Callable[[Float[Tensor, "run 342"], Float[Tensor, " run"]], Float[Tensor, "run 311"]]:
-        """Return `predict` as what a closed loop asks for: a function of inputs and phases, which can be pickled."""
+        """Return `predict` as what a closed loop asks for: a function of inputs and phases, which can be pickled.
+
+        A loop that has left all bounds goes on, so it does not ask for finite values.
+        """
         return partial(_predict, self, mode, generator)
 
+    @overload
+    def member_predictions(self, x: Tensor) -> Tensor: ...
+    @overload
+    def member_predictions(self, x: Plain) -> np.ndarray: ...
     @torch.no_grad()
-    def member_predictions(self, x: Values) -> Float[Tensor, "member row 311"]:
-        """Return what every member predicts, in the outputs' own units."""
-        raw, _ = _batch(x)
-        return self.features.decode(self.networks(self.features.encode(raw)), raw)
-
-    @torch.no_grad()
-    def probabilities(self, x: Values) -> Float[Tensor, "row member"]:
-        """Return the softmax of the addressing network's scores.
+    def member_predictions(self, x: Values) -> Tensor | np.ndarray:
+        """Return what every member predicts, (n, B, 311), or (n, 311) for one frame, in the outputs' own units.
 
         Raises:
-            ModelError: the network is phase-functioned, and so has none.
+            ModelError: the shape is wrong, or a value is not finite.
         """
-        return self._probabilities(self.features.encode(_batch(x)[0]))
+        raw, single = _batch(x)
+        predicted = self.features.decode(self.networks(self.features.encode(raw)), raw)
+        return answer(predicted, x, single=single, axis=1)
 
-    def address(self, x: Values) -> Int64[Tensor, " row"]:
-        """Return the member that the addressing network picks for each frame."""
-        return self.probabilities(x).argmax(dim=1)
+    @overload
+    def probabilities(self, x: Tensor) -> Tensor: ...
+    @overload
+    def probabilities(self, x: Plain) -> np.ndarray: ...
+    @torch.no_grad()
+    def probabilities(self, x: Values) -> Tensor | np.ndarray:
+        """Return the softmax of the addressing network's scores, (B, n), or (n,) for one frame.
+
+        Raises:
+            ModelError: as in `member_predictions`; or the network is phase-functioned, and so has none.
+        """
+        raw, single = _batch(x)
+        return answer(self._probabilities(self.features.encode(raw)), x, single=single)
+
+    @overload
+    def address(self, x: Tensor) -> Tensor: ...
+    @overload
+    def address(self, x: Plain) -> np.ndarray: ...
+    @torch.no_grad()
+    def address(self, x: Values) -> Tensor | np.ndarray:
+        """Return the member that the addressing network picks, (B,) int64, or () for one frame.
+
+        Raises:
+            ModelError: as in `probabilities`.
+        """
+        raw, single = _batch(x)
+        return answer(self._probabilities(self.features.encode(raw)).argmax(dim=1), x, single=single)
 
     def __repr__(self) -> str:
-        addressing = "no addressing" if self.addressing is None else f"addressing {self.addressing.widths}"
-        total = self.networks.parameters_total + (self.addressing.parameters_total if self.addressing else 0)
-        return (
-            f"MotionModel({self.mode}; {self.networks.members} x {self.networks.widths}, {addressing}, "
-            f"{total:,} parameters)"
+        networks, addressing = f"{self.networks.members} x {self.networks.widths}", self.addressing
+        parts = (
+            *(() if self.origin is None else (str(self.origin),)),
+            "single network" if self.networks.members == 1 else f"mode {self.mode}",
+            f"inputs {shown_names([each.name for each in INPUT.blocks])}",
+            f"outputs {shown_names([each.name for each in OUTPUT.blocks])}",
+            f"{networks}, addressing {addressing.widths}" if addressing else networks,
+            f"{self.parameters:,} parameters",
         )
+        return f"MotionModel({'; '.join(parts)})"
+
+    @torch.no_grad()
+    def _predict(
+        self,
+        x: Float[Tensor, "row 342"],
+        mode: MotionMode | None,
+        phase: Float[Tensor, " row"] | None,
+        generator: torch.Generator | None,
+    ) -> Float[Tensor, "row 311"]:
+        used = self.mode if mode is None else mode
+        return self.features.decode(self._output(self.features.encode(x), used, phase, generator), x)
 
     def _output(
         self, x: Float[Tensor, "row input"], mode: MotionMode, phase: Tensor | None, generator: torch.Generator | None
     ) -> Float[Tensor, "row output"]:
-        if (mode == "phase") != (self.mode == "phase"):
-            message = f"a model of mode '{self.mode}' has no mode '{mode}'"
-            raise ModelError(message)
+        if mode not in MOTION_MODES:
+            raise no_mode(mode, MOTION_MODES)
+        _check_phase(self.mode, mode)
         match mode:
             case "phase":
                 if phase is None or phase.shape != x.shape[:1]:
@@ -235,16 +298,15 @@ class MotionModel:
             case "argmax":
                 return self.networks.forward_routed(x, self._probabilities(x).argmax(dim=1))
             case "sample":
-                member = torch.multinomial(self._probabilities(x), 1, generator=generator).squeeze(1)
+                # A loop that has left all bounds has no probabilities; which member says NaN is all the same.
+                drawn = torch.multinomial(self._probabilities(x).nan_to_num(nan=1.0), 1, generator=generator)
+                member = drawn.squeeze(1)
                 return self.networks.forward_routed(x, member)
             case "mixture":
                 outputs: Tensor = self.networks(x)
                 return (self._probabilities(x).T.unsqueeze(-1) * outputs).sum(dim=0)
             case "blend":
                 return self.networks.forward_blended(x, self._probabilities(x))
-            case _:
-                message = f"there is no mode '{mode}' (modes: {', '.join(MOTION_MODES)})"
-                raise ModelError(message)
 
     def _probabilities(self, x: Float[Tensor, "row input"]) -> Float[Tensor, "row member"]:
         if self.mode == "phase":
@@ -255,6 +317,17 @@ class MotionModel:
         return torch.softmax(addressing_scores(self.addressing, x), dim=1)
 
 
+def _check_phase(own: MotionMode, mode: MotionMode) -> None:
+    """Check that a model with a mode of its own can be used in another.
+
+    Raises:
+        ModelError: the one is phase-functioned, and the other is not.
+    """
+    if (mode == "phase") != (own == "phase"):
+        message = f"a model of mode '{own}' has no mode '{mode}'"
+        raise ModelError(message)
+
+
 def _predict(
     model: MotionModel,
     mode: MotionMode | None,
@@ -262,10 +335,10 @@ def _predict(
     x: Float[Tensor, "run 342"],
     phase: Float[Tensor, " run"],
 ) -> Float[Tensor, "run 311"]:
-    return model.predict(x, mode, phase=phase, generator=generator)
+    return model._predict(x.to(torch.float32), mode, phase.to(torch.float32).reshape(-1), generator)
 
 
 def _batch(x: Values) -> tuple[Float[Tensor, "row 342"], bool]:
     """Return frames as a tensor of a batch, and whether it was one frame."""
-    rows = as_tensor(x).to(torch.float32)
+    rows = finite(as_tensor(x), "inputs of frames")
     return (rows.unsqueeze(0), True) if rows.ndim == 1 else (rows, False)
