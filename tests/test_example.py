@@ -1,7 +1,6 @@
 """The example that ships with the project: from three foreign logs to a report, as README.md beside it says."""
 
 import hashlib
-import json
 import os
 import subprocess
 from pathlib import Path
@@ -9,12 +8,10 @@ from pathlib import Path
 import pytest
 from dvc_settings import apply_overrides
 from example_command import overrides
-from example_params import write_params
 from pipeline_clones import warm_interpreter
 from ruamel.yaml import YAML
 
 from addressed_dynamics.base.params.experiments import load_experiment
-from addressed_dynamics.episodes.parquet import load_transitions
 
 ROOT = Path(__file__).parents[1]
 EXAMPLE = ROOT / "examples" / "pendulum"
@@ -23,16 +20,6 @@ ENVIRONMENT = os.environ | {
     "OMP_NUM_THREADS": "1",
     "ADDRESSED_DYNAMICS_PROCESSES": "1",
 }
-STAGES = ("import_data", "convert", "train_ensemble", "train_addressing", "train_baselines", "evaluate", "report")
-ALL_STAGES = f"""
-from importlib import import_module
-from pathlib import Path
-from pipeline.stage import Call
-call = Call("pendulum", Path("params.yaml"), "transitions", Path("data/raw/pendulum"))
-for stage in {STAGES}:
-    import_module(f"pipeline.{{stage}}").main(call)
-"""
-"""In one process."""
 
 
 def run(folder: Path, *arguments: str) -> None:
@@ -52,18 +39,6 @@ def make_logs(folder: Path, *, seed: int = 0) -> dict[str, str]:
     script = str(EXAMPLE / "make_logs.py")
     run(ROOT, script, "--out", str(folder), "--episodes", "4", "--seconds", "6", "--seed", str(seed))
     return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(folder.iterdir())}
-
-
-def short_params(folder: Path) -> None:
-    """Write the example's params with little training and short rollouts."""
-    section = YAML(typ="safe", pure=True).load((ROOT / "params.yaml").read_text(encoding="utf-8"))["pendulum"]
-    section["source"]["files"] = ["logs/*.mcap"]
-    for part in (section["ensemble"], section["addressing"], section["baselines"]["addressing"]):
-        part["epochs"] = 2
-    section["ensemble"] |= {"seeds": [0], "cluster_epochs": 2}
-    section["baselines"]["train"] = ["total_parameters"]
-    section["evaluation"] = {"rollouts": {"steps": 30}}
-    write_params(folder / "params.yaml", pendulum=section)
 
 
 def test_the_params_of_the_example_are_params_of_one_that_is_imported() -> None:
@@ -93,25 +68,3 @@ def test_the_same_seed_makes_the_same_logs_and_another_makes_others(tmp_path: Pa
     assert list(first) == ["json.mcap", "protobuf.mcap", "ros2.mcap"]
     assert make_logs(tmp_path / "again") == first
     assert not set(make_logs(tmp_path / "other", seed=1).values()) & set(first.values())
-
-
-@pytest.mark.slow
-def test_logs_in_three_encodings_go_all_the_way_to_a_report(tmp_path: Path) -> None:
-    make_logs(tmp_path / "logs")
-    short_params(tmp_path)
-    run(tmp_path, "-c", ALL_STAGES)
-    transitions = load_transitions(tmp_path / "data" / "tables" / "pendulum")
-    assert len(list(transitions.episode_slices())) == 3 * 4
-    assert transitions.spec.observation_names == ("angle", "speed")
-    assert abs(transitions.observation[:, 0]).max() < 1.7
-    reports = tmp_path / "data" / "reports" / "pendulum"
-    evaluation = json.loads((tmp_path / "data" / "evaluation" / "pendulum" / "evaluation.json").read_text())
-    none = {"episodes": 0, "rows": 0}
-    source = {
-        "kind": "recorded", "steps": 30, "steps_wanted": 30, "too_short": {}, "dropped": none, "physics": None,
-    }  # fmt: skip
-    assert evaluation["rollouts"] == source
-    assert set(evaluation["candidates"]["ensemble/argmax"]["rollouts"]["groups"]["all"]["mse"]) == {"angle", "speed"}
-    report = (reports / "report.html").read_text(encoding="utf-8")
-    assert "steps from held-out episodes" in report
-    assert "wall" not in report

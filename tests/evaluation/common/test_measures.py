@@ -58,8 +58,8 @@ def test_the_table_is_written_and_read_again_and_a_damaged_one_is_one_line(tmp_p
     assert read_rows_of_measures(tmp_path / "first.parquet") == rows
     assert (tmp_path / "first.parquet").read_bytes() == (tmp_path / "second.parquet").read_bytes()
     (tmp_path / "second.parquet").write_bytes(b"no table")
-    for name in ("second.parquet", "third.parquet"):
-        with pytest.raises(EvaluationError, match=f"{name}: not the table of measures") as caught:
+    for name, what in {"second.parquet": "not the table of measures", "third.parquet": "missing"}.items():
+        with pytest.raises(EvaluationError, match=f"{name}: {what}") as caught:
             read_rows_of_measures(tmp_path / name)
         assert "\n" not in str(caught.value)
 

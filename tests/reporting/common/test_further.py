@@ -47,5 +47,5 @@ def test_at_the_end_of_a_report_without_trainings(tmp_path: Path) -> None:
 
 
 def test_a_missing_table_is_one_line(tmp_path: Path) -> None:
-    with pytest.raises(EvaluationError, match=r"measures\.parquet: not the table of measures"):
+    with pytest.raises(EvaluationError, match=r"measures\.parquet: missing"):
         with_further_measures(REPORT, tmp_path)

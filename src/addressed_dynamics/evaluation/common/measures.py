@@ -122,7 +122,10 @@ def read_rows_of_measures(path: Path) -> list[Row]:
         EvaluationError: it is missing or damaged.
     """
     try:
-        return [Row(**row) for row in pq.read_table(path).to_pylist()]
+        return [Row(**row) for row in pq.ParquetFile(path).read().to_pylist()]
+    except FileNotFoundError as error:
+        message = f"{path}: missing; run the evaluate stage again"
+        raise EvaluationError(message) from error
     except (OSError, pa.ArrowException, TypeError) as error:
         message = f"{path}: not the table of measures that the evaluate stage writes ({error}); run it again"
         raise EvaluationError(message) from error
