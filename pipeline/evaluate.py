@@ -24,7 +24,6 @@ def main(call: Call) -> str:
     params = load_experiment(call.params_file, experiment, call.kind).evaluation
     found = evaluate(tables_dir(experiment), models_dir(experiment), params, cores=available_cores())
     with atomic_path(evaluation_dir(experiment)) as folder:
-        folder.mkdir()
         write_evaluated(found, folder)
         name = f"{experiment} evaluation seed={found.delivered.seed}"
         with tracking.run(stage="evaluate", experiment=experiment, name=name, params=params.model_dump(mode="json"),
@@ -32,9 +31,8 @@ def main(call: Call) -> str:
             run.log(found.headline, step=0)
             run.log_output(folder)
     write_delivered(models_dir(experiment), found.delivered)
-    summary = reports_dir(experiment) / "summary.json"
-    write_json(summary, found.summary)
-    return f"{first_of(found.summary)}; all in {summary}"
+    write_json(reports_dir(experiment) / "summary.json", found.summary)
+    return f"{first_of(found.summary)}; all in {reports_dir(experiment) / 'summary.json'}"
 
 
 if __name__ == "__main__":

@@ -147,6 +147,21 @@ def test_the_motion_ends_in_an_evaluation_of_every_model(finished: Path) -> None
 
 
 @pytest.mark.slow
+def test_the_tiny_pipeline_of_motion_comes_to_what_it_came_to_before(finished: Path) -> None:
+    """Its data are made up by a program, alike on every processor; a change of the record needs a reason."""
+    golden = json.loads((ROOT / "tests" / "golden" / "tiny_motion.json").read_text(encoding="utf-8"))
+    figures = finished / "data" / "figures" / "pfnn"
+    data = json.loads((figures / "convert" / "data.json").read_text(encoding="utf-8"))
+    trained = json.loads((figures / "ensemble" / "ensemble.json").read_text(encoding="utf-8"))
+    evaluation = json.loads((finished / "data" / "evaluation" / "pfnn" / "evaluation.json").read_text(encoding="utf-8"))
+    assert data["splits"] == golden["splits"]
+    # Other processors round otherwise.
+    assert trained["seed-0"]["loss/validation"] == pytest.approx(golden["validation_loss"], rel=0.01)
+    errors = {name: each["one_step"]["test"]["raw"] for name, each in evaluation["candidates"].items()}
+    assert errors == pytest.approx(golden["held_out_mae"], rel=0.01)
+
+
+@pytest.mark.slow
 def test_a_recording_stopped_by_ctrl_c_fails_and_commits_nothing(tmp_path: Path) -> None:
     clone = new_clone(tmp_path)
     edit_params(clone, "transitions: 800", "transitions: 10_000_000")

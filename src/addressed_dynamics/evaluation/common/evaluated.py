@@ -33,7 +33,8 @@ class Evaluated:
 
 
 def write_evaluated(found: Evaluated, folder: Path) -> None:
-    """Write what an evaluation came to into an empty folder: numbers, as a tree and as a table, arrays and curves."""
+    """Write what an evaluation came to into a new folder: numbers, as a tree and as a table, arrays and curves."""
+    folder.mkdir()
     save_arrays(folder / "arrays.npz", dict(found.arrays))
     for name, rows in found.curves.items():
         write_rows(folder / f"{name}.csv", rows)
