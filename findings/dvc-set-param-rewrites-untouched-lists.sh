@@ -1,0 +1,58 @@
+#!/usr/bin/env bash
+# DVC 3.67.1: 'dvc exp run -S' writes all lists and scalars of params.yaml anew, also those that it was not asked to change.
+#
+# 'dvc exp run -S train.epochs=5' is documented to change the value of a param. The file is edited by a round-trip YAML
+# parser, so that comments and layout should stay; but every value, not the changed one alone, is replaced by a plain copy
+# of itself. Mappings are merged in place and keep their layout; a list loses the comments inside of it and its one-line
+# form, a scalar its notation (1e-3 becomes 0.001, a quoted text loses its quotes), null becomes an empty value, an anchor
+# goes. Inside of a one-line mapping a list stays on its line. In a repository the diff of one changed number is then most
+# of the file, and comments are gone for good.
+#
+# Seen (dvc 3.67.1, Python 3.11): a comment inside a list is lost, [128, 128] is written as two lines, 1e-3 as 0.001,
+# "0123" as '0123' without its double quotes, null as nothing; a comment beside a mapping's key and {sizes: [8, 8]} stay.
+# This script exits with 0 as long as that is so, and with 1 when it changes.
+set -euo pipefail
+
+folder=$(mktemp -d)
+trap 'rm -rf "$folder"' EXIT
+export DVC_NO_ANALYTICS=1 DO_NOT_TRACK=1
+python3 -m venv "$folder/venv"
+"$folder/venv/bin/pip" install --quiet --disable-pip-version-check 'dvc==3.67.1'
+export PATH="$folder/venv/bin:$PATH"
+
+mkdir "$folder/work" && cd "$folder/work"
+git init --quiet && git config user.name finding && git config user.email finding@example.org
+dvc init --quiet
+dvc config core.analytics false
+cat > params.yaml <<'YAML'
+train:
+  epochs: 1 # how often
+other:
+  hidden: [128, 128]
+  rate: 1e-3
+  code: "0123"
+  nothing: null
+  flow: {sizes: [8, 8]}
+  steps:
+    - fill # the tank first
+    - drain
+YAML
+cat > dvc.yaml <<'YAML'
+stages:
+  show:
+    cmd: cp params.yaml seen
+    params: [train.epochs]
+    outs: [seen]
+YAML
+git add --all && git commit --quiet --message start
+dvc exp run --quiet -S train.epochs=5 > /dev/null 2>&1
+cat params.yaml
+
+grep --quiet 'epochs: 5 # how often' params.yaml
+grep --quiet 'flow: {sizes: \[8, 8\]}' params.yaml
+! grep --quiet '\[128, 128\]' params.yaml
+grep --quiet 'rate: 0.001' params.yaml
+! grep --quiet '"0123"' params.yaml
+! grep --quiet 'null' params.yaml
+! grep --quiet 'the tank first' params.yaml
+test "$(git diff --numstat params.yaml | cut -f 2)" -ge 6
