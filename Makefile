@@ -60,7 +60,8 @@ run: $(VENV)/installed
 	@git rev-parse --git-dir > /dev/null 2>&1 || { echo "error: DVC keeps its records in Git, and this folder is not a \
 	Git repository; clone it, or run 'git init' in it first" >&2; exit 1; }
 	@# The experiments side by side: DVC runs the stages of one 'dvc repro' in turn, and most keep one core busy. Each waits for the others' locks, which last seconds.
-	@PATH="$(CURDIR)/$(BIN):$$PATH"; dvc stage list --name-only | grep '^report@' | xargs -P $(EXPERIMENTS) -n 1 dvc --wait-for-lock repro
+	@PATH="$(CURDIR)/$(BIN):$$PATH"; dvc status --quiet || \
+	    dvc stage list --name-only | grep '^report@' | xargs -P $(EXPERIMENTS) -n 1 dvc --wait-for-lock repro
 
 # The example is added to what the pipeline runs: named alone, it would take the other experiments' data out of the folder.
 example: $(VENV)/installed
