@@ -22,8 +22,8 @@ LONGEST = (
     "test_tracking.py",
     "test_import_bad_logs.py",
     "test_third_kind.py",
-    "test_pipeline_changes.py",  # when test_pipeline.py has made what it changes
     "test_interruptions.py",
+    "test_pipeline_changes.py",  # when test_pipeline.py has made what it changes
     "test_report.py",
 )
 """Files that take long: begun first, they are not what one worker does while the others have nothing left to do."""
