@@ -96,3 +96,8 @@ def test_the_stage_leaves_whole_recordings_or_the_one_before(tmp_path: Path, mon
         import_data.main(car(params))
     assert len(read_transitions(tmp_path / "data" / "raw" / "car")) == len(before) == 9
     assert [each.name for each in (tmp_path / "data" / "raw").iterdir()] == ["car"]
+
+
+def test_one_pattern_of_files_may_stand_alone(tmp_path: Path) -> None:
+    file = params_file(tmp_path, source=SOURCE | {"files": "logs/*.mcap"})
+    assert load_source_params(file, "car", "transitions").files == ("logs/*.mcap",)

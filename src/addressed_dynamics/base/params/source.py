@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from addressed_dynamics.base.params.sections import Positive, Section
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
 """Name of a dimension, as a log can hold it."""
 Text = Annotated[str, Field(min_length=1)]
+
+
+def _one_or_more(value: Any) -> Any:
+    return (value,) if isinstance(value, str) else value
+
+
+Files = Annotated[tuple[Text, ...], BeforeValidator(_one_or_more), Field(min_length=1)]
 
 
 class FieldParams(Section):
@@ -92,8 +99,8 @@ class McapSource(_Source):
     """Topics of MCAP logs, brought to one clock."""
 
     kind: Literal["mcap"]
-    files: Annotated[tuple[Text, ...], Field(min_length=1)]
-    """Patterns of file names, relative to the folder that the stage runs in."""
+    files: Files
+    """Patterns of file names, relative to the folder that the stage runs in; one, or a list."""
     tolerance_s: Positive
     """At a tick of the clock the newest value of a topic holds if it is not older than this, in seconds."""
     time: Literal["log", "publish"] = "log"
@@ -105,8 +112,8 @@ class TableSource(_Source):
     """Tables with a row per step."""
 
     kind: Literal["csv", "parquet"]
-    files: Annotated[tuple[Text, ...], Field(min_length=1)]
-    """Patterns of file names, relative to the folder that the stage runs in."""
+    files: Files
+    """Patterns of file names, relative to the folder that the stage runs in; one, or a list."""
     episode: Annotated[EpisodePerFile | EpisodeByColumn, Field(discriminator="by")]
 
 
