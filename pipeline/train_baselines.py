@@ -8,7 +8,7 @@ from addressed_dynamics.base.params.experiments import load_recipes
 from addressed_dynamics.base.torch_runtime import prepare_torch
 from addressed_dynamics.training.baselines import plan_baselines
 from pipeline.baselines import train_baselines
-from pipeline.stage import Call, run_stage, tables_dir, training_processes
+from pipeline.stage import Call, figures_dir, run_stage, tables_dir, training_processes
 from pipeline.trainings import Stage
 
 
@@ -29,7 +29,8 @@ def main(call: Call) -> str:
     }
     stage = Stage("train_baselines", call.experiment, call.params_file, training_processes())
     results = train_baselines(stage, plan, own, chosen.baselines.seeds)
-    return f"{len(results)} baselines are trained: {', '.join(results)}; data/figures/{call.experiment}/baselines"
+    figures = figures_dir(call.experiment, "baselines")
+    return f"{len(results)} baselines are trained: {', '.join(results)}; {figures}"
 
 
 if __name__ == "__main__":

@@ -117,15 +117,15 @@ def read_table(path: Path) -> TransitionTable:
         TableError: the file is missing, damaged, of another format version, lacks a column or has one of another
             type, or holds missing values, NaNs or broken episodes.
     """
-    found: list[pa.Schema] = []
+    specs: list[SpaceSpec] = []
 
     def expected(schema: pa.Schema, path: Path) -> pa.Schema:
-        found.append(schema)
-        return _schema(_spec(schema, path))
+        specs.append(_spec(schema, path))
+        return _schema(specs[0])
 
     groups = [*read_row_groups(path, None, expected)]
-    table = pa.concat_tables(groups) if groups else found[0].empty_table()
-    spec = _spec(found[0], path)
+    spec = specs[0]
+    table = pa.concat_tables(groups) if groups else _schema(spec).empty_table()
     check_splits(table, SPLITS, path)
     try:
         transitions = Transitions(spec=spec, **_arrays(table, spec))

@@ -7,6 +7,7 @@ from typing import Self
 from pydantic import model_validator
 
 from addressed_dynamics.evaluation.common.records import Record, Specialisation, Specialisations
+from addressed_dynamics.evaluation.motion.closed_loop.measures import GaitReference
 
 ENSEMBLE = "ensemble"
 """First part of the group of our own candidates, followed by the mode: `ensemble/argmax`."""
@@ -131,18 +132,6 @@ class Candidate(Record):
     def test(self) -> OneStep:
         """Errors on clips that were held out whole."""
         return self.one_step["test"]
-
-
-class GaitReference(Record):
-    """How recorded motion moves in a gait; speeds in cm/s."""
-
-    gait: str
-    frames: int
-    root_speed: float
-    limb_speed: float
-    skate_speed: float | None
-    slowest_foot_speed: float
-    contact_share: float
 
 
 class Reference(Record):

@@ -7,13 +7,8 @@ from statistics import mean, median
 
 from addressed_dynamics.episodes.layout import FRAME_RATE
 from addressed_dynamics.evaluation.motion.closed_loop.judging import ALIVE_SHARE, CYCLE, FROZEN_SPEED, SETTLING
-from addressed_dynamics.evaluation.motion.records import (
-    Candidate,
-    ClosedLoop,
-    GaitReference,
-    KindResult,
-    MotionEvaluation,
-)
+from addressed_dynamics.evaluation.motion.closed_loop.measures import GaitReference
+from addressed_dynamics.evaluation.motion.records import Candidate, ClosedLoop, KindResult, MotionEvaluation
 from addressed_dynamics.reporting.common.blocks import Column, Row, Table
 from addressed_dynamics.reporting.common.numbers import MISSING, percent, significant
 from addressed_dynamics.reporting.motion.comparison import middle, normalised_error, raw_error, score_of
