@@ -1,5 +1,7 @@
 """Field paths: how they are written, what they lead to, and what is said of one that leads nowhere."""
 
+from typing import Any
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -7,7 +9,9 @@ from hypothesis import strategies as st
 from addressed_dynamics.base.errors import ParamsError
 from addressed_dynamics.importing.paths import (
     FieldPath,
+    Label,
     MissingField,
+    Step,
     column_and_place,
     expand_slice,
     listed_fields,
@@ -16,8 +20,9 @@ from addressed_dynamics.importing.paths import (
 )
 
 TOPICS = st.text(st.characters(codec="utf-8", exclude_characters='"', exclude_categories=("C",)), min_size=1)
-NAMES = st.from_regex(r"[A-Za-z_][A-Za-z0-9_ /-]*", fullmatch=True)
-PATHS = st.builds(FieldPath, TOPICS, st.lists(NAMES | st.integers(0, 10**6), min_size=1, max_size=5).map(tuple))
+NAMES = st.from_regex(r"[A-Za-z_][A-Za-z0-9_ /.\[-]*", fullmatch=True)
+STEPS = NAMES | st.integers(0, 10**6) | (NAMES | st.from_regex(r"[0-9]+", fullmatch=True)).map(Label)
+PATHS = st.builds(FieldPath, TOPICS, st.lists(STEPS, min_size=1, max_size=5).map(tuple))
 
 
 @given(path=PATHS)
@@ -33,13 +38,16 @@ def test_a_path_is_read_as_it_is_written(path: FieldPath) -> None:
         ('"/robot.v2/joint[0]".position[2]', "/robot.v2/joint[0]", ("position", 2)),
         ("/poses[1].x", "/poses", (1, "x")),
         ("state.a", "state", ("a",)),
+        ('/state."pos.x"[0]', "/state", ("pos.x", 0)),
+        ("/joint_states.position[elbow]", "/joint_states", ("position", Label("elbow"))),
+        ('/joint_states.position["2"]', "/joint_states", ("position", Label("2"))),
     ],
 )
-def test_a_topic_ends_at_the_first_dot_unless_it_is_quoted(text: str, topic: str, steps: tuple[str | int]) -> None:
+def test_a_topic_ends_at_the_first_dot_unless_it_is_quoted(text: str, topic: str, steps: tuple[Step, ...]) -> None:
     assert parse_path(text) == FieldPath(topic, steps)
 
 
-@pytest.mark.parametrize("text", ["", "/topic", "/topic.", ".field", "/t.a[", "/t.a[-1]", "/t.a[x]", '"/t.a', "/t..a"])
+@pytest.mark.parametrize("text", ["", "/topic", "/topic.", ".field", "/t.a[", "/t.a[-1]", '/t.a["x]', '"/t.a', "/t..a"])
 def test_what_is_no_path_is_refused_with_the_place(text: str) -> None:
     with pytest.raises(ParamsError, match=r"is not the path of a field \(see character \d+\)"):
         parse_path(text)
@@ -62,21 +70,31 @@ def test_a_column_may_have_a_place() -> None:
     assert column_and_place("observation.state") == ("observation.state", None)
 
 
-def test_every_array_on_the_way_tells_its_length() -> None:
+def at_its_place(_steps: Any, _containers: Any, _array: Any, step: int | Label) -> int:
+    assert isinstance(step, int)
+    return step
+
+
+def test_every_array_on_the_way_is_asked_for_its_element() -> None:
     seen = []
-    value = look_up({"a": [{"b": [1, 2]}]}, ("a", 0, "b", 1), lambda steps, length: seen.append((steps, length)))
-    assert value == 2
-    assert seen == [(("a",), 1), (("a", 0, "b"), 2)]
+
+    def second(steps: Any, containers: Any, array: Any, step: int | Label) -> int:
+        seen.append((steps, len(containers), len(array), step))
+        return len(array) - 1
+
+    assert look_up({"a": [{"b": [1, 2]}]}, ("a", 0, "b", Label("x")), second) == 2
+    assert seen == [(("a",), 2, 1, 0), (("a", 0, "b"), 4, 2, Label("x"))]
 
 
 @pytest.mark.parametrize("steps", [("b",), ("a", "b"), ("a", 2), ("a", 0, "c"), ("s", 0)])
 def test_a_way_to_nowhere_is_told_from_an_unset_value(steps: tuple[str | int, ...]) -> None:
     message = {"a": [1, 2], "s": "text", "unset": None}
     with pytest.raises(MissingField):
-        look_up(message, steps, lambda *_: None)
-    assert look_up(message, ("unset", "x", 3), lambda *_: None) is None
+        look_up(message, steps, at_its_place)
+    assert look_up(message, ("unset", "x", 3), at_its_place) is None
 
 
 def test_fields_are_listed_with_arrays_as_slices_and_not_without_end() -> None:
     assert listed_fields({"a": [1, 2], "b": {"c": 1}, "d": [{"e": 1}]}) == "a[0:2], b.c, d[0].e"
+    assert listed_fields({"pos.x": 1}) == '"pos.x"'
     assert listed_fields({f"f{i}": 0 for i in range(100)}).endswith("f39 and 60 more")

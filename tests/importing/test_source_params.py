@@ -37,7 +37,8 @@ def params_file(folder: Path, **sections: Any) -> Path:
         ("episode", {"by": "gap"}, "car.source.episode.seconds: missing key"),
         ("episode", {"by": "column", "column": "c"}, "car.source.episode: input tag 'column'"),
         ("min_length", 1, "car.source.min_length: input should be greater than or equal to 2"),
-        ("time", "header", "car.source.time: input should be 'log' or 'publish'"),
+        ("time", "wall", "car.source.time: input should be 'log', 'publish' or 'header'"),
+        ("topics", {"/a": {"hold": True, "tolerance_s": 1.0}}, "may be of any age; leave out 'tolerance_s' or 'hold'"),
     ],
 )
 def test_a_wrong_value_in_a_source_is_one_line_with_the_path_of_its_key(

@@ -1,8 +1,11 @@
 """What the files of an import have to agree in."""
 
 from collections.abc import Hashable
+from typing import TypeVar
 
 from addressed_dynamics.base.errors import LogError
+
+Found = TypeVar("Found")
 
 
 class Agreement:
@@ -10,6 +13,13 @@ class Agreement:
 
     def __init__(self) -> None:
         self._found: dict[str, tuple[Hashable, str]] = {}
+        self._first: dict[str, object] = {}
+
+    def first(self, what: str, found: Found) -> Found:
+        """Return what was found first under this name, which is `found` if nothing was."""
+        known = self._first.setdefault(what, found)
+        assert isinstance(known, type(found))
+        return known
 
     def check(self, what: str, found: Hashable, where: str) -> None:
         """Compare `found` with what was found first.

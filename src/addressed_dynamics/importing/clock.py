@@ -38,7 +38,8 @@ def ticks(where: str, topics: list[TopicTimes], rate_hz: float) -> Int64[np.ndar
     if start > end:
         message = (
             f"{where}: the topics {earliest.topic} ({_span(earliest)}) and {latest.topic} ({_span(latest)}) never "
-            "overlap in time; see whether they were stamped by different clocks"
+            "overlap in time; a value that is sent once needs 'hold: true' under 'topics'; else see whether they were "
+            "stamped by different clocks"
         )
         raise LogError(message)
     step_ns = 1e9 / rate_hz

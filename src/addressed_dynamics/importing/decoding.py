@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
-import io
 import json
 from collections.abc import Callable
-from contextlib import redirect_stderr
 from typing import Any
 
+import zstandard
 from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
 from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message_factory import GetMessageClass
 from mcap.records import Channel, Schema
 from mcap.well_known import MessageEncoding, SchemaEncoding
-from mcap_ros2.decoder import DecoderFactory
 
 from addressed_dynamics.base.errors import LogError
+from addressed_dynamics.importing.cdr import cdr_decoder
 
 Decode = Callable[[bytes], Any]
 """Decodes a message; raises anything on one that is damaged."""
+ZSTANDARD = bytes.fromhex("28b52ffd")
+"""How data that zstd compressed begins."""
+MOST_BYTES = 2**28
+"""Largest message, once decompressed; a damaged size would ask for any number."""
 
 
 def decoder_for(where: str, channel: Channel, schema: Schema | None) -> Decode:
@@ -39,19 +42,38 @@ def decoder_for(where: str, channel: Channel, schema: Schema | None) -> Decode:
                 return json.loads
             case (MessageEncoding.Protobuf, SchemaEncoding.Protobuf) if schema:
                 return _protobuf_decoder(schema)
-            case (MessageEncoding.CDR, SchemaEncoding.ROS2):
-                # The parser prints the line that it cannot read, beside raising an error.
-                with redirect_stderr(io.StringIO()):
-                    decode: Decode = DecoderFactory().decoder_for(channel.message_encoding, schema)
-                return decode
+            case (MessageEncoding.CDR, SchemaEncoding.ROS2 | SchemaEncoding.ROS2IDL) if schema:
+                return cdr_decoder(schema.name, schema.encoding, schema.data.decode())
     except Exception as error:  # a damaged schema makes the parsers raise a dozen unrelated types
-        message = f"{where}: the schema of topic {channel.topic} cannot be read ({reason(error)}); record it again"
+        message = (
+            f"{where}: the schema of topic {channel.topic} cannot be read ({reason(error)}); leave the topic out, or "
+            "record it again with a definition that is whole"
+        )
         raise LogError(message) from error
     message = (
         f"{where}: topic {channel.topic} has messages in '{channel.message_encoding}' with a schema in "
-        f"'{schema_encoding}', but json, protobuf and cdr with ros2msg can be read; convert the file"
+        f"'{schema_encoding}', but json, protobuf and cdr with ros2msg or ros2idl can be read; convert the file"
     )
     raise LogError(message)
+
+
+def unpacked(data: bytes) -> bytes:
+    """Return a message as it was before it was compressed by itself, as rosbag2 does if it is asked to.
+
+    No message in JSON or CDR begins as compressed data do; one in protobuf would have to hold an odd number in its
+    fifth field and be sound compressed data all the same.
+
+    Raises:
+        ValueError: it begins as compressed data do, but is damaged or too large.
+    """
+    try:
+        if zstandard.frame_content_size(data) > MOST_BYTES:
+            message = f"it would have more than {MOST_BYTES} bytes once decompressed"
+            raise ValueError(message)
+        return zstandard.ZstdDecompressor().decompress(data, max_output_size=MOST_BYTES, allow_extra_data=False)
+    except zstandard.ZstdError as error:
+        message = f"it begins as data do that zstd compressed, but is damaged ({reason(error)})"
+        raise ValueError(message) from error
 
 
 def reason(error: BaseException) -> str:

@@ -9,12 +9,20 @@ from typing import Any
 
 from addressed_dynamics.base.errors import LogError
 from addressed_dynamics.base.files import write_json
-from addressed_dynamics.base.params.source import McapSource, MinariSource, SourceParams, TableSource
+from addressed_dynamics.base.params.source import (
+    EpisodeByGap,
+    EpisodePerFile,
+    McapSource,
+    MinariSource,
+    SourceParams,
+    TableSource,
+)
 from addressed_dynamics.importing.agreement import Agreement
 from addressed_dynamics.importing.columns import read_table_file
 from addressed_dynamics.importing.mcap_logs import read_mcap
 from addressed_dynamics.importing.minari_data import read_minari
 from addressed_dynamics.importing.paths import parse_path
+from addressed_dynamics.importing.recordings import Recording, recordings
 from addressed_dynamics.importing.samples import (
     EPISODES_PER_FILE,
     Episodes,
@@ -80,13 +88,24 @@ def _read(source: SourceParams, signals: Signals) -> Iterator[tuple[str, Samples
     match source:
         case McapSource():
             paths = [parse_path(signal.field) for signal in signals.all]
-            for file in _files(source.files):
-                yield file.as_posix(), read_mcap(file, source, signals, paths, agreement)
+            for files in _recordings(source):
+                yield files[0].as_posix(), read_mcap(files, source, signals, paths, agreement)
         case TableSource():
             for file in _files(source.files):
                 yield file.as_posix(), read_table_file(file, source.kind, signals, agreement)
         case MinariSource():
             yield source.dataset, read_minari(source.dataset, signals, agreement)
+
+
+def _recordings(source: McapSource) -> list[Recording]:
+    files = _files(source.files)
+    match source.episode:
+        case EpisodePerFile():
+            return [(file,) for file in files]
+        case EpisodeByGap(seconds=seconds):
+            return recordings(files, round(seconds * 1e9))
+        case _:
+            return recordings(files, round(source.tolerance_s * 1e9))
 
 
 def _files(patterns: tuple[str, ...]) -> list[Path]:

@@ -1,55 +1,65 @@
-"""Read the topics that an import needs from an MCAP log of any origin, checking the whole file."""
+"""Read the topics that an import needs from MCAP logs of any origin, checking the whole files."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Literal
 
 from mcap.records import Channel, Schema
 
 from addressed_dynamics.base.errors import LogError
 from addressed_dynamics.importing.agreement import Agreement
+from addressed_dynamics.importing.decoding import ZSTANDARD
 from addressed_dynamics.importing.paths import FieldPath
-from addressed_dynamics.importing.series import TopicReader, TopicSeries
+from addressed_dynamics.importing.series import Clock, TopicReader, Turns
 from addressed_dynamics.importing.signals import Signal
 from addressed_dynamics.logs.container import Content, Damage, MessageRun, Source, scan
 
+COMPRESSED = {ZSTANDARD: "zstd -d", b"\x1f\x8b": "gunzip", b"\x04\x22\x4d\x18": "lz4 -d"}
+"""What undoes the compression of a whole file, by how it begins."""
+
 
 def read_topics(
-    path: Path,
+    files: Sequence[Path],
     signals: Sequence[Signal],
     paths: Sequence[FieldPath],
     *,
-    time: Literal["log", "publish"],
+    clock: Callable[[str], Clock],
+    turns: Turns,
     agreement: Agreement,
-) -> list[TopicSeries]:
-    """Read the signals in the log at `path`.
+) -> list[TopicReader]:
+    """Read the signals in the logs of one recording.
 
     Args:
-        path: an MCAP log.
+        files: MCAP logs, in the order of their times.
         signals: what to read.
         paths: where it is, one path for each signal.
-        time: which time of a message counts.
-        agreement: what the files before this one looked like.
+        clock: which time of a topic's messages counts.
+        turns: numbers the parts of the recording.
+        agreement: what the files before this recording looked like.
 
     Returns:
-        One series for each topic, in the order in which `paths` name them.
+        One reader for each topic, in the order in which `paths` name them.
 
     Raises:
-        LogError: the file is damaged anywhere, cannot be decoded, or lacks a topic or a field; the message says which
-            there are.
+        LogError: a file is damaged anywhere, or cannot be decoded, or the recording lacks a topic or a field; the
+            message says which there are.
     """
     readers: dict[str, TopicReader] = {}
     for place, (each, signal) in enumerate(zip(paths, signals, strict=True)):
-        reader = readers.setdefault(each.topic, TopicReader(str(path), each.topic, time=time, agreement=agreement))
-        reader.want(place, each, signal)
-    channels: dict[int, Channel] = {}
-    for channel, schema, run in _message_runs(path, channels):
-        if channel.topic in readers:
-            readers[channel.topic].add(channel, schema, run)
-    _check_topics(path, readers, channels)
-    return [reader.series() for reader in readers.values()]
+        new = TopicReader(each.topic, clock=clock(each.topic), turns=turns, agreement=agreement)
+        readers.setdefault(each.topic, new).want(place, each, signal)
+    topics = set[str]()
+    for path in files:
+        for reader in readers.values():
+            reader.begin(str(path))
+        channels: dict[int, Channel] = {}
+        for channel, schema, run in _message_runs(path, channels):
+            if channel.topic in readers:
+                readers[channel.topic].add(channel, schema, run)
+        topics |= {channel.topic for channel in channels.values()}
+    _check_topics(files, readers, topics)
+    return list(readers.values())
 
 
 def _message_runs(path: Path, channels: dict[int, Channel]) -> Iterator[tuple[Channel, Schema | None, MessageRun]]:
@@ -83,16 +93,24 @@ def _contents(path: Path) -> Iterator[Content]:
             if not source.size:
                 message = f"{path}: the file is empty (0 bytes), but an MCAP log was expected; record it again"
                 raise LogError(message)
+            _refuse_compressed(path, source)
             yield from scan(source)
     except OSError as error:
         message = f"{path}: the log cannot be read ({error.strerror})"
         raise LogError(message) from error
 
 
-def _check_topics(path: Path, readers: Mapping[str, TopicReader], channels: Mapping[int, Channel]) -> None:
-    known = sorted({channel.topic for channel in channels.values()})
+def _refuse_compressed(path: Path, source: Source) -> None:
+    for magic, undo in COMPRESSED.items():
+        if source.read(0, len(magic)) == magic:
+            message = f"{path}: this is a compressed file, not an MCAP log; undo it with '{undo} {path.name}'"
+            raise LogError(message)
+
+
+def _check_topics(files: Sequence[Path], readers: Mapping[str, TopicReader], topics: set[str]) -> None:
+    where = str(files[0]) + (f" and the {len(files) - 1} files that follow it" if len(files) > 1 else "")
     for topic, reader in readers.items():
         if not len(reader):
-            what = "has no messages on" if topic in known else "has no"
-            message = f"{path}: the file {what} topic {topic}; its topics are: {', '.join(known) or 'none'}"
+            what = "has no messages on" if topic in topics else "has no"
+            message = f"{where}: the file {what} topic {topic}; its topics are: {', '.join(sorted(topics)) or 'none'}"
             raise LogError(message)

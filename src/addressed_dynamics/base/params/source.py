@@ -95,17 +95,59 @@ class _Source(Section):
     """Episodes with fewer samples are dropped; K samples make K - 1 transitions."""
 
 
+class EpisodeByReset(Section):
+    """An episode ends where time goes back by more than the tolerance, as where a simulation starts again."""
+
+    by: Literal["reset"]
+
+
+Clock = Literal["log", "publish", "header"]
+
+
+class TopicParams(Section):
+    """What holds for one topic and not for the others."""
+
+    time: Clock | None = None
+    """Which time of its messages counts; null: that of the source."""
+    tolerance_s: Positive | None = None
+    """How old its newest value may be, in seconds; null: as the source says."""
+    hold: bool = False
+    """Its newest value holds however old it is: for what is sent once, such as a goal."""
+
+    @model_validator(mode="after")
+    def _has_one_age(self) -> TopicParams:
+        if self.hold and self.tolerance_s is not None:
+            message = "a value that is held may be of any age; leave out 'tolerance_s' or 'hold'"
+            raise ValueError(message)
+        return self
+
+
 class McapSource(_Source):
-    """Topics of MCAP logs, brought to one clock."""
+    """Topics of MCAP logs, brought to one clock.
+
+    Unless a file is an episode, files that follow each other are one recording: recorders split what they write.
+    """
 
     kind: Literal["mcap"]
     files: Files
     """Patterns of file names, relative to the folder that the stage runs in; one, or a list."""
     tolerance_s: Positive
     """At a tick of the clock the newest value of a topic holds if it is not older than this, in seconds."""
-    time: Literal["log", "publish"] = "log"
-    """Which time of a message counts."""
-    episode: Annotated[EpisodePerFile | EpisodeByGap | EpisodeByTopic, Field(discriminator="by")]
+    time: Clock = "log"
+    """Which time of a message counts: when it was logged, when it was published, or what it says of itself, in
+    `header.stamp`, `stamp` or `timestamp`."""
+    topics: dict[Text, TopicParams] = Field(default_factory=dict)
+    """What holds for some topics alone, by their names."""
+    episode: Annotated[EpisodePerFile | EpisodeByGap | EpisodeByTopic | EpisodeByReset, Field(discriminator="by")]
+
+    def clock(self, topic: str) -> Clock:
+        """Return which time of a topic's messages counts."""
+        return self.topics.get(topic, TopicParams()).time or self.time
+
+    def longest_age_ns(self, topic: str) -> int | None:
+        """Return how old the newest value of a topic may be, in nanoseconds; None if however old."""
+        own = self.topics.get(topic, TopicParams())
+        return None if own.hold else round((own.tolerance_s or self.tolerance_s) * 1e9)
 
 
 class TableSource(_Source):

@@ -1,0 +1,57 @@
+"""Which files are one recording: those that recorders split, each of which begins where another one ends."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from mcap.opcode import Opcode
+from mcap.writer import MCAP0_MAGIC as MAGIC
+
+from addressed_dynamics.logs.container import Damage, Source, frames
+
+Recording = tuple[Path, ...]
+"""Files in the order of their times."""
+
+
+def recordings(files: Sequence[Path], longest_ns: int) -> list[Recording]:
+    """Join files that follow each other.
+
+    Args:
+        files: MCAP logs, in any order.
+        longest_ns: the longest time between the end of a file and the start of the next of the same recording.
+
+    Returns:
+        The recordings in the order of their first message; files in which no time can be read come last, each by
+        itself, for whoever reads them to say what is wrong.
+    """
+    spans = {path: _span(path) for path in files}
+    timed = sorted((span, path) for path, span in spans.items() if span is not None)
+    found: list[list[Path]] = []
+    last: int | None = None
+    for (start, end), path in timed:
+        if last is not None and 0 <= start - last <= longest_ns:
+            found[-1].append(path)
+        else:
+            found.append([path])
+        last = end
+    return [*map(tuple, found), *((path,) for path, span in spans.items() if span is None)]
+
+
+def _span(path: Path) -> tuple[int, int] | None:
+    """Return the first and the last log time in a file; None if there is none, or it is damaged."""
+    first, last = [], []
+    try:
+        with path.open("rb") as file:
+            for frame in frames(Source(file), len(MAGIC)):
+                # A chunk begins with the times of its first and last message; in a message it follows two numbers.
+                offset, until = {Opcode.CHUNK: (0, 16), Opcode.MESSAGE: (6, 14)}.get(Opcode(frame.opcode), (0, 0))
+                times = [int.from_bytes(frame.body[at : at + 8], "little") for at in range(offset, until, 8)]
+                if any(times):
+                    first.append(times[0])
+                    last.append(times[-1])
+                if frame.opcode == Opcode.DATA_END:
+                    break
+    except (Damage, OSError, ValueError):
+        return None
+    return (min(first), max(last)) if first else None
