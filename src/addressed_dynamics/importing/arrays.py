@@ -70,7 +70,7 @@ class Arrays:
         """
         if not len(array):
             return None
-        names = _names_beside(containers, len(array))
+        names = names_beside(containers, len(array))
         form = self._forms.get(steps) or self._new_form(steps, len(array), names)
         if form.names is None and names is not None:
             form.adopt(names)
@@ -109,7 +109,7 @@ class Arrays:
         return step
 
 
-def _names_beside(containers: Sequence[Any], length: int) -> list[str] | None:
+def names_beside(containers: Sequence[Any], length: int) -> list[str] | None:
     """Return the names of the elements of an array of this length, from what it is in; the nearest counts."""
     for container in reversed(containers):
         for field_name in _name_fields(type(container)):

@@ -64,6 +64,7 @@ def read_mcap(
     return Samples(
         values=np.concatenate([part.values for part in on_clock]),
         follows=np.concatenate([part.follows for part in on_clock]),
+        time_ns=np.concatenate([part.time_ns for part in on_clock]),
         terminated=np.zeros(sum(len(part.follows) for part in on_clock), dtype=np.bool_),
         counts={
             **counts,
@@ -110,6 +111,7 @@ class _Part:
     values: Float64[np.ndarray, "sample signal"]
     """The signals at the ticks at which none is late."""
     follows: Bool[np.ndarray, " sample"]
+    time_ns: Int64[np.ndarray, " sample"]
 
 
 def _parts(
@@ -172,7 +174,7 @@ def _on_clock(where: str, series: Sequence[TopicSeries], source: McapSource, sig
             if _is_observed(each, signals):
                 breaks |= silences(messages, each.time_ns, longest_ns)
     topics = tuple(_Topic(*each) for each in zip(series, sound, chosen, strict=True))
-    return _Part(at, topics, values[on_time], ~breaks[on_time])
+    return _Part(at, topics, values[on_time], ~breaks[on_time], at[on_time])
 
 
 def _check_order(where: str, series: TopicSeries, tolerance_ns: int) -> None:

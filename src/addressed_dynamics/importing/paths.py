@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import lru_cache
 from keyword import iskeyword
 from typing import Any, TypeAlias
@@ -192,7 +192,8 @@ def _find_attributes(kind: type) -> dict[str, str]:
     """
     if not is_dataclass(kind):
         return {}
-    names = [each.name for each in fields(kind)]
+    # Constants of a type have a value there; they are in no message.
+    names = [each.name for each in fields(kind) if each.default is MISSING]
     return {name[:-1] if name.endswith("_") and iskeyword(name[:-1]) else name: name for name in names}
 
 
@@ -219,19 +220,20 @@ def _shown(step: Step | slice) -> str:
 
 
 def _leaves(value: Any, steps: tuple[Step | slice, ...]) -> Iterator[tuple[Step | slice, ...]]:
-    names = _member_names(value)
+    names = member_names(value)
     if len(steps) > DEEPEST_LISTED or not (names or is_array(value)):
         yield steps
     elif names:
         for name in names:
             yield from _leaves(member(value, name), (*steps, name))
-    elif len(value) and (_member_names(value[0]) or is_array(value[0])):
+    elif len(value) and (member_names(value[0]) or is_array(value[0])):
         yield from _leaves(value[0], (*steps, 0))
     else:
         yield (*steps, slice(0, len(value)))
 
 
-def _member_names(value: Any) -> list[str]:
+def member_names(value: Any) -> list[str]:
+    """Return the names of the fields of a decoded message or of a part of it; none of what is no message."""
     match value:
         case Mapping():
             return [str(name) for name in value]

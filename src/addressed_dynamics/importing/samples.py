@@ -29,6 +29,8 @@ class Samples:
     """What was read, and how much of it was not used or used twice, by the name of a counter."""
     details: dict[str, Any] = field(default_factory=dict)
     """The same by topic, and whatever else is worth knowing; JSON-compatible."""
+    time_ns: Int64[np.ndarray, " sample"] | None = None
+    """When each was logged, in nanoseconds; None if nothing says it."""
 
 
 @dataclass(frozen=True)

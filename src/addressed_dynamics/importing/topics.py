@@ -54,7 +54,7 @@ def read_topics(
         for reader in readers.values():
             reader.begin(str(path))
         channels: dict[int, Channel] = {}
-        for channel, schema, run in _message_runs(path, channels):
+        for channel, schema, run in message_runs(path, channels):
             if channel.topic in readers:
                 readers[channel.topic].add(channel, schema, run)
         topics |= {channel.topic for channel in channels.values()}
@@ -62,7 +62,7 @@ def read_topics(
     return list(readers.values())
 
 
-def _message_runs(path: Path, channels: dict[int, Channel]) -> Iterator[tuple[Channel, Schema | None, MessageRun]]:
+def message_runs(path: Path, channels: dict[int, Channel]) -> Iterator[tuple[Channel, Schema | None, MessageRun]]:
     """Yield the messages of a file, with their channel and schema; `channels` is filled on the way."""
     schemas: dict[int, Schema] = {}
     try:

@@ -1,0 +1,167 @@
+"""Add an experiment to a params file and take it out again; all other lines stay as they are."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
+
+from addressed_dynamics.base.errors import ParamsError
+from addressed_dynamics.base.files import write_text
+
+MARK = "# made by 'addressed-dynamics new'"
+"""Stands beside the name of a section that may be removed without asking."""
+NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
+"""What an experiment may be called: its name is part of the names of folders and stages."""
+
+
+def add_experiment(path: Path, name: str, entries: Mapping[str, str], section: str) -> None:
+    """Write the section of a new experiment at the end of a params file, and its name into mappings at the top.
+
+    Args:
+        path: the params file.
+        name: the experiment.
+        entries: what its name stands for in each mapping, as YAML: `experiments`, `imported`.
+        section: its section, as YAML, indented by two blanks.
+
+    Raises:
+        ParamsError: the name is no name or is taken, the file cannot be read, or a mapping is written in a form that
+            cannot be added to; the file is then as it was.
+    """
+    text = _text(path)
+    before = _document(path, text)
+    if not NAME.fullmatch(name):
+        message = f"'{name}' cannot be the name of an experiment; give letters, digits, - and _, a letter first"
+        raise ParamsError(message)
+    if name in before or any(name in (before.get(mapping) or {}) for mapping in entries):
+        message = f"{path}: there is a '{name}' in it already; give another name, or 'addressed-dynamics remove {name}'"
+        raise ParamsError(message)
+    lines = text.rstrip("\n").split("\n")
+    for mapping, value in entries.items():
+        _insert(path, lines, mapping, f"{name}: {value}")
+    body = "\n".join([*lines, "", f"{name}: {MARK}", section.rstrip("\n")]) + "\n"
+    after = _document(path, body)
+    expected = {**before, **{mapping: {**(before.get(mapping) or {}), name: YAML(typ="safe").load(value)}
+                             for mapping, value in entries.items()}}  # fmt: skip
+    _check(path, {key: value for key, value in after.items() if key != name}, expected)
+    write_text(path, body)
+
+
+def remove_experiment(path: Path, name: str, mappings: tuple[str, ...], *, of_anybody: bool = False) -> None:
+    """Take out what `add_experiment` wrote; the file is then as it was before, if nobody has changed it since.
+
+    Args:
+        path: the params file.
+        name: the experiment.
+        mappings: the mappings at the top that may name it.
+        of_anybody: whether a section without the mark may go, which somebody has written.
+
+    Raises:
+        ParamsError: there is no such section, it has no mark, or the file cannot be read.
+    """
+    text = _text(path)
+    before = _document(path, text)
+    lines = text.split("\n")
+    start = next((place for place, line in enumerate(lines) if re.match(rf"{re.escape(name)}\s*:", line)), None)
+    if start is None:
+        message = f"{path}: there is no experiment '{name}' in it"
+        raise ParamsError(message)
+    if MARK not in lines[start] and not of_anybody:
+        message = f"{path}: '{name}' was not made by 'addressed-dynamics new'; to remove it all the same, add --yes"
+        raise ParamsError(message)
+    stop = start + 1
+    while stop < len(lines) and (lines[stop].startswith((" ", "-")) or (not lines[stop] and stop + 1 < len(lines))):
+        stop += 1
+    while not lines[stop - 1]:
+        stop -= 1
+    # The empty line before a section belongs to it.
+    first = start - 1 if start and not lines[start - 1] else start
+    del lines[first:stop]
+    for mapping in mappings:
+        _delete(lines, mapping, name)
+    body = "\n".join(lines)
+    expected = {key: {each: entry for each, entry in value.items() if each != name} if key in mappings else value
+                for key, value in before.items() if key != name}  # fmt: skip
+    _check(path, _document(path, body), expected)
+    write_text(path, body)
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        message = f"{path}: the params file cannot be read ({error})"
+        raise ParamsError(message) from error
+
+
+def _document(path: Path, text: str) -> dict[str, Any]:
+    try:
+        document = YAML(typ="safe", pure=True).load(text)
+    except YAMLError as error:
+        problem = str(getattr(error, "problem", None) or error).split("\n", maxsplit=1)[0]
+        message = f"{path}: not a YAML file ({problem})"
+        raise ParamsError(message) from error
+    if not isinstance(document, dict):
+        message = f"{path}: a params file is a mapping of sections, but this one is none"
+        raise ParamsError(message)
+    return document
+
+
+def _head(lines: list[str], mapping: str) -> tuple[int, re.Match[str]] | None:
+    """Return the line of a mapping at the top, taken apart: its key, its value if that is there, too, a comment."""
+    for place, line in enumerate(lines):
+        match = re.fullmatch(rf"({re.escape(mapping)}:)(?: +(\{{[^#]*\}}))?( *#.*)? *", line)
+        if match:
+            return place, match
+    return None
+
+
+def _block(lines: list[str], place: int) -> range:
+    """Return the lines below a key that are part of its value."""
+    stop = place + 1
+    while stop < len(lines) and lines[stop].startswith(" "):
+        stop += 1
+    return range(place + 1, stop)
+
+
+def _insert(path: Path, lines: list[str], mapping: str, entry: str) -> None:
+    found = _head(lines, mapping)
+    if found is None:
+        message = f"{path}: '{mapping}' in it is not a mapping with a line for each entry; add '{entry}' to it by hand"
+        raise ParamsError(message)
+    place, match = found
+    key, flow, comment = match[1], (match[2] or "{}")[1:-1].strip(), match[3] or ""
+    if flow:
+        lines[place] = f"{key} {{{flow}, {entry}}}{comment}"
+        return
+    lines[place] = f"{key}{comment}"
+    lines.insert(_block(lines, place).stop, f"  {entry}")
+
+
+def _delete(lines: list[str], mapping: str, name: str) -> None:
+    found = _head(lines, mapping)
+    if found is None:
+        return
+    place, match = found
+    key, flow, comment = match[1], match[2], match[3] or ""
+    if flow:
+        entry = rf"{re.escape(name)}:\s*(?:\{{[^{{}}]*\}}|[^,{{}}]*)"
+        inner = re.sub(rf"(,\s*{entry}(?=\s*[,}}])|(?<=\{{){entry}(?:,\s*)?)", "", flow)
+        lines[place] = f"{key} {inner}{comment}"
+        return
+    for row in _block(lines, place):
+        if re.match(rf"\s+{re.escape(name)}\s*:", lines[row]):
+            del lines[row]
+            break
+    if not _block(lines, place):
+        lines[place] = f"{key} {{}}{comment}"
+
+
+def _check(path: Path, found: Mapping[str, Any], expected: Mapping[str, Any]) -> None:
+    if {key: value or {} for key, value in found.items()} != {key: value or {} for key, value in expected.items()}:
+        message = f"{path}: it is written in a form that cannot be changed without a loss; change it by hand"
+        raise ParamsError(message)
