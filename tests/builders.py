@@ -3,6 +3,7 @@
 import errno
 import io
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,11 @@ CAR = SpaceSpec(
     action=DiscreteAction(("push_left", "no_push", "push_right")),
     step_seconds=1 / 30,
 )
+WINDY = replace(
+    CAR,
+    exogenous=(Dimension("wind", "m/s", -20.0, 20.0), Dimension("slope", "", -np.inf, np.inf)),
+)
+"""The car's spaces with two exogenous inputs."""
 
 
 def car_transitions(lengths: Sequence[int], seed: int = 0) -> Transitions:

@@ -21,6 +21,13 @@ ARM = SpaceSpec(
     step_seconds=0.05,
 )
 """A world with an unbounded dimension and continuous actions."""
+BOAT = SpaceSpec(
+    observation=(Dimension("position", "m", -np.inf, np.inf), Dimension("speed", "m/s", -np.inf, np.inf)),
+    action=ContinuousAction((Dimension("thrust", "N", -1.0, 1.0),)),
+    step_seconds=0.1,
+    exogenous=(Dimension("wind", "m/s", -2.0, 2.0),),
+)
+"""A world with an exogenous input."""
 
 CHANGE = FeatureParams(target="change")
 OPTIMISER = OptimiserParams(learning_rate=1e-2, betas=(0.9, 0.99), final_share=0.1)
@@ -59,6 +66,23 @@ def swing(lengths: Sequence[int] = (30, 20), seed: int = 0) -> Transitions:
     return _transitions(ARM, lengths, states[:-1], actions, states[1:])
 
 
+def sail(lengths: Sequence[int] = (30, 20), seed: int = 0) -> Transitions:
+    """Episodes of a boat under random thrust in a wind that is another in every step: without it, a riddle."""
+    generator = np.random.default_rng(seed)
+    total = sum(lengths)
+    thrust, wind = generator.uniform(-1.0, 1.0, (2, total, 1)).astype(np.float32) * np.float32([[[1.0]], [[2.0]]])
+    before, after = np.empty((2, total, 2), dtype=np.float32)
+    starts = {0, *np.cumsum(lengths)[:-1].tolist()}
+    for row in range(total):
+        if row in starts:
+            state = generator.uniform(-1.0, 1.0, 2).astype(np.float32)
+        before[row] = state
+        speed = 0.9 * state[1] + 0.1 * thrust[row, 0] + 0.3 * wind[row, 0]
+        state = np.array([state[0] + 0.1 * speed, speed], dtype=np.float32)
+        after[row] = state
+    return _transitions(BOAT, lengths, before, thrust, after, wind)
+
+
 def car_samples() -> tuple[FeatureSpec, Samples, Samples]:
     """Features of the car, and its samples to train on and to validate with."""
     train = drive((20,) * 10)
@@ -81,7 +105,12 @@ def untrained_model(
 
 
 def _transitions(
-    spec: SpaceSpec, lengths: Sequence[int], before: np.ndarray, actions: np.ndarray, after: np.ndarray
+    spec: SpaceSpec,
+    lengths: Sequence[int],
+    before: np.ndarray,
+    actions: np.ndarray,
+    after: np.ndarray,
+    exogenous: np.ndarray | None = None,
 ) -> Transitions:
     total, ends = sum(lengths), np.cumsum(lengths) - 1
     truncated = np.zeros(total, dtype=bool)
@@ -97,4 +126,5 @@ def _transitions(
         next_observation=after,
         terminated=np.zeros(total, dtype=bool),
         truncated=truncated,
+        exogenous=np.empty((total, 0), dtype=np.float32) if exogenous is None else exogenous,
     )

@@ -30,6 +30,7 @@ def space_specs(draw: st.DrawFn, max_size: int = 20) -> SpaceSpec:
         observation=draw(dimensions(max_size)),
         action=draw(discrete | continuous),
         step_seconds=draw(st.sampled_from([0.001, 1 / 30, 0.2, 1.0])),
+        exogenous=draw(st.just(()) | dimensions(max_size)),
     )
 
 
@@ -72,6 +73,7 @@ def random_transitions(
         next_observation=states[before + 1],
         terminated=terminated,
         truncated=truncated,
+        exogenous=numbers(total, len(spec.exogenous)),
     )
 
 

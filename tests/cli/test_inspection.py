@@ -72,6 +72,9 @@ def test_the_figures_of_a_log_are_those_of_its_transitions(
     for index, name in enumerate(whole.spec.observation_names):
         states = np.concatenate([whole.observation[:, index], whole.next_observation[:, index]])
         assert experience.ranges[f"observation.{name}"] == (states.min(), states.max())
+    for dimension, values in zip(whole.spec.exogenous, whole.exogenous.T, strict=True):
+        assert experience.ranges[f"exogenous.{dimension.name}"] == (values.min(), values.max())
+        assert experience.units.get(f"exogenous.{dimension.name}", "") == dimension.unit
     json.dumps(found.to_json(), allow_nan=False)
 
 

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from builders import CAR, car_transitions
+from builders import CAR, WINDY, car_transitions
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from strategies import random_transitions
 
 from addressed_dynamics.base.errors import TableError
 from addressed_dynamics.episodes.coverage import CELLS, Occupancy, count_duplicates, row_fingerprints
@@ -54,6 +55,13 @@ def test_statistics_cover_the_observation_its_change_and_the_reward() -> None:
     ]
     change = whole.next_observation.astype(np.float64) - whole.observation
     np.testing.assert_array_equal(columns[:, 2:4], change)
+
+
+def test_statistics_cover_exogenous_inputs() -> None:
+    whole = random_transitions(WINDY, [3, 2], np.random.default_rng(0))
+    names, columns = column_names(whole), column_values(whole)
+    assert names[-3:] == ["exogenous.wind", "exogenous.slope", "reward"]
+    np.testing.assert_array_equal(columns[:, -3:-1], whole.exogenous)
 
 
 @given(arrays(np.float32, st.tuples(st.integers(1, 40), st.just(2)), elements=st.floats(-1, 1, width=32)))

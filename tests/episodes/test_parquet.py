@@ -9,10 +9,10 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from builders import CAR, assert_same, car_transitions
+from builders import CAR, WINDY, assert_same, car_transitions
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from strategies import transitions
+from strategies import random_transitions, transitions
 
 from addressed_dynamics.base.errors import TableError
 from addressed_dynamics.episodes.parquet import TransitionTable, load_transitions, read_table, write_table
@@ -212,3 +212,17 @@ def test_an_empty_split_and_tables_of_different_spaces_are_refused(tmp_path: Pat
     write_table(folder / "transitions" / "c.parquet", table_of(other), row_group_rows=8)
     with pytest.raises(TableError, match="different spaces"):
         load_transitions(folder)
+
+
+def test_exogenous_inputs_are_columns_of_their_own(tmp_path: Path) -> None:
+    path, whole = tmp_path / "t.parquet", random_transitions(WINDY, [4, 3], np.random.default_rng(0))
+    write_table(path, table_of(whole), row_group_rows=3)
+    frame = pq.read_table(path)
+    names = frame.column_names
+    assert names[names.index("action") : names.index("reward") + 1] == [
+        "action", "exogenous.wind", "exogenous.slope", "reward",
+    ]  # fmt: skip
+    np.testing.assert_array_equal(frame.column("exogenous.slope").to_numpy(), whole.exogenous[:, 1])
+    missing = rewrite(path, lambda table: table.drop_columns(["exogenous.wind"]))
+    with pytest.raises(TableError, match=r"column 'exogenous.wind' should be float, but is missing"):
+        read_table(missing)

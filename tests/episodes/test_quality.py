@@ -243,3 +243,29 @@ def test_a_finding_is_a_sentence_and_json() -> None:
 def test_a_bound_that_float32_cannot_hold_bounds_nothing() -> None:
     wide = replace(ARM, observation=(Dimension("angle", "rad", -1e300, 1e300),))
     assert findings(smooth([30], wide)) == []
+
+
+def windy(wind: np.ndarray, lengths: list[int]) -> Transitions:
+    """Sound episodes with a wind that has these values."""
+    whole = smooth(lengths)
+    spec = replace(CAR, exogenous=(Dimension("wind", "m/s", -20.0, 20.0),))
+    return replace(whole, spec=spec, exogenous=wind.astype(np.float32)[:, None])
+
+
+def test_exogenous_inputs_are_judged_by_bounds_and_by_their_other_values() -> None:
+    wind = np.sin(np.arange(70))
+    assert findings(windy(wind, [30, 40])) == []
+    wind[[35, 50]] = 25.0, 18.0
+    beyond, outlier = findings(windy(wind, [30, 40]))
+    assert (beyond.kind, beyond.dimension, beyond.first) == (
+        "out_of_bounds", "exogenous.wind", Place("a.mcap", episode=1, step=5, value=25.0),
+    )  # fmt: skip
+    assert (outlier.kind, outlier.dimension, outlier.first) == (
+        "outlier", "exogenous.wind", Place("a.mcap", episode=1, step=20, value=18.0),
+    )  # fmt: skip
+
+
+def test_an_exogenous_input_may_hold_still_in_an_episode_but_not_in_the_whole_recording() -> None:
+    assert findings(windy(np.repeat([1.0, 2.0], [30, 40]), [30, 40])) == []
+    (found,) = findings(windy(np.full(70, 3.0), [30, 40]))
+    assert (found.kind, found.dimension, found.blocking) == ("stuck", "exogenous.wind", False)

@@ -171,3 +171,45 @@ def test_bounds_from_an_environments_float32_arrays_are_json_too() -> None:
 def test_a_malformed_spec_is_refused(value: Any) -> None:
     with pytest.raises(TransitionsError, match="description of spaces is incomplete or malformed"):
         SpaceSpec.from_json(value)
+
+
+WIND = Dimension("wind", "m/s", -20.0, 20.0)
+
+
+def windy(*lengths: int) -> Transitions:
+    """The same episodes with a wind that is the number of the row."""
+    whole = episodes(*lengths)
+    wind = np.arange(len(whole), dtype=np.float32)[:, None]
+    return replace(whole, spec=replace(SPEC, exogenous=(WIND,)), exogenous=wind)
+
+
+def test_without_exogenous_inputs_their_column_has_no_width_and_the_spec_says_nothing_of_them() -> None:
+    assert episodes(2, 3).exogenous.shape == (5, 0)
+    assert list(SPEC.to_json()) == ["observation", "action", "step_seconds"]
+
+
+def test_exogenous_inputs_travel_with_their_steps_and_their_spec() -> None:
+    whole = windy(2, 3)
+    assert whole.select(whole.episode == 1).exogenous[:, 0].tolist() == [2, 3, 4]
+    parts = [whole.select(whole.episode == number) for number in (0, 1)]
+    assert_equal(Transitions.concatenate(parts), whole)
+    assert SpaceSpec.from_json(json.loads(json.dumps(whole.spec.to_json()))) == whole.spec
+    with pytest.raises(TransitionsError, match="different spaces"):
+        Transitions.concatenate([episodes(2), windy(2)])
+
+
+@pytest.mark.parametrize(
+    ("exogenous", "problem"),
+    [
+        (None, r"column 'exogenous' should be float32 of shape \(3, 1\), but is float32 of shape \(0, 0\)"),
+        (np.zeros((3, 2), np.float32), r"shape \(3, 1\), but is float32 of shape \(3, 2\)"),
+        (np.zeros(3, np.float32), r"shape \(3, 1\), but is float32 of shape \(3,\)"),
+        (np.array([[0], [np.nan], [0]], np.float32), "'exogenous' has a value that is not finite in row 1"),
+    ],
+)
+def test_exogenous_inputs_that_do_not_fit_the_spaces_are_refused(exogenous: np.ndarray | None, problem: str) -> None:
+    whole = windy(3)
+    columns = {name: getattr(whole, name) for name in COLUMNS if name != "exogenous"}
+    given = {} if exogenous is None else {"exogenous": exogenous}
+    with pytest.raises(TransitionsError, match=problem):
+        Transitions(spec=whole.spec, **columns, **given)

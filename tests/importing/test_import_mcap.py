@@ -189,3 +189,11 @@ def test_consecutive_samples_are_one_step_apart_whatever_is_lost(
     counts = json.loads((folder / "out" / "import.json").read_text())["totals"]
     assert counts["samples"] - counts["dropped"] - counts["episodes"] == len(transitions)
     assert counts["ticks"] == counts["samples"] + counts["late"]
+
+
+def test_exogenous_inputs_are_held_like_the_command_of_the_same_tick(tmp_path: Path) -> None:
+    save(tmp_path, a=json_log(states_and_commands()))
+    transitions = imported(exogenous={"load": {"field": "/cmd.torque", "unit": "N m"}})
+    np.testing.assert_array_equal(transitions.exogenous, transitions.action)
+    assert len(np.unique(transitions.exogenous)) > 5
+    assert transitions.spec.exogenous[0].unit == "N m"

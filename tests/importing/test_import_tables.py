@@ -76,6 +76,36 @@ def test_rows_are_samples_and_the_last_of_an_episode_is_only_a_next_observation(
     assert transitions.time_ns.tolist() == [i * 100_000_000 for i in range(9)]
 
 
+WIND = {"gust": {"field": "wind[0:2]", "unit": "m/s", "low": -1.0, "high": 5.0}}
+
+
+@pytest.mark.parametrize("action", ["discrete", "continuous"])
+def test_exogenous_inputs_of_a_step_are_those_beside_its_action(action: str) -> None:
+    table = rows().with_columns(wind=polars.Series([[i / 2, -i / 2] for i in range(12)]), thrust=np.arange(12) / 4)
+    table.write_parquet("a.parquet")
+    continuous = {"action": {"continuous": {"thrust": {"field": "thrust"}}}}
+    transitions = imported(
+        kind="parquet", files=["a.parquet"], exogenous=WIND, **(continuous if action == "continuous" else {})
+    )
+    before = [i for i in range(12) if i % 4 != 3]
+    assert [(each.name, each.unit, each.low) for each in transitions.spec.exogenous] == [
+        ("gust_0", "m/s", -1.0), ("gust_1", "m/s", -1.0),
+    ]  # fmt: skip
+    assert transitions.exogenous.tolist() == [[i / 2, -i / 2] for i in before]
+    assert transitions.reward.tolist() == [i % 3 for i in before]
+    outside = json.loads(Path("out/import.json").read_text())["details"]["a.parquet"]["out_of_range"]
+    assert outside == {"exogenous.gust_0": 1, "exogenous.gust_1": 9}
+
+
+def test_a_row_without_its_exogenous_input_is_dropped_and_cuts_the_episode() -> None:
+    wind = [None if i == 5 else float(i) for i in range(12)]
+    rows().with_columns(wind=polars.Series(wind)).write_csv("a.csv")
+    transitions = imported(exogenous={"wind": {"field": "wind"}})
+    assert transitions.exogenous[:, 0].tolist() == [0, 1, 2, 6, 8, 9, 10]
+    assert (totals()["not_finite"], totals()["dropped"]) == (1, 1)
+    assert "there is no column 'gust'" in refusal(exogenous={"wind": {"field": "gust"}})
+
+
 def test_arrays_in_columns_are_taken_apart_by_a_slice() -> None:
     columns = {"observation.state": [[i, 2 * i, 3 * i] for i in range(5)], "action": [[i / 2] for i in range(5)]}
     polars.DataFrame(columns).write_parquet("a.parquet")

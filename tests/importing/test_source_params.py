@@ -102,3 +102,14 @@ def test_the_stage_leaves_whole_recordings_or_the_one_before(tmp_path: Path, mon
 def test_one_pattern_of_files_may_stand_alone(tmp_path: Path) -> None:
     file = params_file(tmp_path, source=SOURCE | {"files": "logs/*.mcap"})
     assert load_source_params(file, "car", "transitions").files == ("logs/*.mcap",)
+
+
+def test_exogenous_inputs_cannot_be_asked_of_an_environment(tmp_path: Path) -> None:
+    section = SOURCE | {"exogenous": {"wind": {"field": "/cmd.wind"}}}
+    rollouts = WITHOUT_RECORD["evaluation"]["rollouts"]
+    assert rollouts["kind"] == "environment"
+    with pytest.raises(ParamsError, match=r"^[^\n]*no environment tells; set evaluation.rollouts to 'kind: recorded'"):
+        load_experiment(params_file(tmp_path, source=section), "car", "transitions")
+    recorded = {"rollouts": {"kind": "recorded"}}
+    found = load_experiment(params_file(tmp_path, source=section, evaluation=recorded), "car", "transitions")
+    assert list(found.source.exogenous) == ["wind"]

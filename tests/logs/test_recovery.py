@@ -3,13 +3,14 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from builders import CAR, RUN, append_rows, assert_same, car_transitions, fill_disk_after, write_log
+from builders import CAR, RUN, WINDY, append_rows, assert_same, car_transitions, fill_disk_after, write_log
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.records import Metadata
 from mcap.stream_reader import StreamReader
+from strategies import random_transitions
 
 from addressed_dynamics.base.errors import LogError
 from addressed_dynamics.episodes.transitions import COLUMNS
@@ -231,3 +232,15 @@ def test_a_full_disk_leaves_nothing_but_the_source(log, tmp_path, monkeypatch):
     with pytest.raises(LogError, match=r"saved\.mcap: the new log cannot be written .*No space left.*; make room"):
         recover_log(tmp_path / "car.mcap", tmp_path / "saved.mcap")
     assert [path.name for path in tmp_path.iterdir()] == ["car.mcap"]
+
+
+def test_exogenous_inputs_are_recovered_with_their_steps(tmp_path):
+    expected = random_transitions(WINDY, [5, 7], np.random.default_rng(0))
+    path = tmp_path / "windy.mcap"
+    writer = TransitionLogWriter(path, WINDY, run=RUN)
+    for rows in expected.episode_slices():
+        append_rows(writer, expected, rows)
+        writer.end_episode(None, cut=False)
+    writer.abandon()
+    recover_log(writer.partial, path)
+    assert_same(read_log(path).transitions, expected)

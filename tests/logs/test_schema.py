@@ -1,5 +1,8 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from builders import CAR, WINDY
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -41,7 +44,7 @@ def filled(layout, generator):
         row[name] = generator.integers(1, 2**31)
     row["reward"] = generator.standard_normal()
     row["terminated"] = row["truncated"] = 1
-    for field in ("observation", "next_observation", "action"):
+    for field in layout.parts.keys() & {"observation", "next_observation", "action", "exogenous"}:
         if layout.parts[field] == (field,):
             row[field] = generator.integers(1, 2**62)
         else:
@@ -69,6 +72,9 @@ def assert_protobuf_agrees(spec: SpaceSpec, generator) -> None:
     else:
         decoded = [getattr(message.action, dimension.name) for dimension in spec.action.dimensions]
         np.testing.assert_array_equal(np.float32(decoded), layout.vector(row, "action")[0])
+    decoded = [getattr(message.exogenous, dimension.name) for dimension in spec.exogenous] if spec.exogenous else []
+    vector = layout.vector(row, "exogenous")[0] if spec.exogenous else np.empty(0)
+    np.testing.assert_array_equal(np.float32(decoded), vector)
     # With no zeros to leave out, protobuf's own encoding is the same to the byte.
     assert message.SerializeToString() == row.tobytes()
 
@@ -132,3 +138,30 @@ def test_names_that_protobuf_cannot_hold_are_refused(names, problem):
     spec = SpaceSpec(tuple(Dimension(name, "", 0.0, 1.0) for name in names), DiscreteAction(("go",)), 1.0)
     with pytest.raises(SpaceError, match=problem):
         transition_file(spec)
+
+
+def comments(spec: SpaceSpec) -> dict[str, str]:
+    """The comment of every dimension of a sub-message, by the sub-message's name and its own."""
+    file = transition_file(spec)
+    found = {}
+    for location in file.source_code_info.location:
+        _, message, _, nested, _, field = location.path
+        vector = file.message_type[message].nested_type[nested]
+        found[f"{vector.name}.{vector.field[field].name}"] = location.leading_comments.strip()
+    return found
+
+
+@pytest.mark.parametrize("action", [CAR.action, ContinuousAction((Dimension("force", "N", -1.0, 1.0),))])
+def test_exogenous_inputs_are_the_last_field_with_their_units_and_only_where_there_are_any(action):
+    without, windy = replace(CAR, action=action), replace(WINDY, action=action)
+    message = transition_file(windy).message_type[0]
+    assert [field.name for field in message.field][-2:] == ["truncated", "exogenous"]
+    assert comments(windy) == comments(without) | {"Exogenous.wind": "m/s, -20 to 20"}
+    plain = transition_file(without).message_type[0]
+    del message.field[-1], message.nested_type[-1]
+    assert message == plain
+
+
+def test_exogenous_inputs_need_names_that_protobuf_can_hold():
+    with pytest.raises(SpaceError, match="a dimension is called 'wind speed'"):
+        transition_file(replace(CAR, exogenous=(Dimension("wind speed", "m/s", 0.0, 1.0),)))

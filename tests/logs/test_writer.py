@@ -3,7 +3,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from builders import CAR, RUN, append_rows, assert_same, car_transitions, fill_disk_after, write_log
+from builders import CAR, RUN, WINDY, append_rows, assert_same, car_transitions, fill_disk_after, write_log
 from google.protobuf import descriptor_pb2, message_factory
 from hypothesis import given, settings
 from mcap.reader import make_reader
@@ -45,6 +45,8 @@ def test_any_mcap_viewer_reads_the_same_numbers(expected, tmp_path_factory):
         else:
             for column, dimension in enumerate(expected.spec.action.dimensions):
                 assert getattr(decoded.action, dimension.name) == expected.action[row, column]
+        for column, dimension in enumerate(expected.spec.exogenous):
+            assert getattr(decoded.exogenous, dimension.name) == expected.exogenous[row, column]
     ends = [decoded for topic, _, decoded in messages if topic == "/episode"]
     assert [end.length for end in ends] == [rows.stop - rows.start for rows in expected.episode_slices()]
 
@@ -199,3 +201,15 @@ def test_a_full_disk_is_one_error_that_says_what_is_safe(tmp_path, monkeypatch, 
         # A chunk that was complete when the disk was full is one more than was promised.
         assert safe <= len(saved) <= safe + 20
         assert_same(saved, expected.select(slice(0, len(saved))))
+
+
+@pytest.mark.parametrize(
+    ("spec", "exogenous", "problem"),
+    [(CAR, [1.0], "1 exogenous inputs, but the spaces of the log have 0"), (WINDY, [], "0 .* have 2")],
+)
+def test_exogenous_inputs_that_the_spaces_do_not_have_are_refused(tmp_path, spec, exogenous, problem):
+    writer = TransitionLogWriter(tmp_path / "car.mcap", spec, run=RUN)
+    with pytest.raises(LogError, match=problem):
+        writer.append(0, 0, [0.0, 0.0], 1, 0.0, [0.0, 0.0], False, False, exogenous)
+    assert writer.count == 0
+    writer.abandon()

@@ -45,7 +45,8 @@ class Experience:
     ended: Mapping[str, int]
     """Number of episodes by how they ended."""
     ranges: Mapping[str, tuple[float, float]]
-    """Lowest and highest value by dimension of observation and continuous action, and of the reward."""
+    """Lowest and highest value by dimension of observation, continuous action and exogenous inputs, and of the
+    reward."""
     late_starts: int
     """Episodes of which the first steps are missing; inside an episode no step ever is."""
     gaps: int
@@ -100,7 +101,11 @@ class Experience:
         components = action.dimensions if isinstance(action, ContinuousAction) else ()
         return {
             f"{kind}.{dimension.name}": dimension.unit
-            for kind, dimensions in (("observation", self.spec.observation), ("action", components))
+            for kind, dimensions in (
+                ("observation", self.spec.observation),
+                ("action", components),
+                ("exogenous", self.spec.exogenous),
+            )
             for dimension in dimensions
             if dimension.unit
         }
@@ -132,4 +137,6 @@ def _ranges(transitions: Transitions) -> dict[str, tuple[float, float]]:
     if isinstance(transitions.spec.action, ContinuousAction):
         for dimension, values in zip(transitions.spec.action.dimensions, transitions.action.T, strict=True):
             ranges[f"action.{dimension.name}"] = (float(values.min()), float(values.max()))
+    for dimension, values in zip(transitions.spec.exogenous, transitions.exogenous.T, strict=True):
+        ranges[f"exogenous.{dimension.name}"] = (float(values.min()), float(values.max()))
     return ranges | {"reward": (float(transitions.reward.min()), float(transitions.reward.max()))}

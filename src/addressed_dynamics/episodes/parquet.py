@@ -186,6 +186,7 @@ def _schema(spec: SpaceSpec) -> pa.Schema:
         *((name, SCALARS[name]) for name in COUNTERS),
         *((name, pa.float32()) for name in _names("observation", spec.observation)),
         *action,
+        *((name, pa.float32()) for name in _names("exogenous", spec.exogenous)),
         ("reward", SCALARS["reward"]),
         *((name, pa.float32()) for name in _names("next_observation", spec.observation)),
         *((name, SCALARS[name]) for name in ("terminated", "truncated")),
@@ -209,6 +210,7 @@ def _columns(table: TransitionTable) -> dict[str, Any]:
         columns |= dict(zip(_names("action", spec.action.dimensions), transitions.action.T, strict=True))
     else:
         columns["action"] = transitions.action
+    columns |= dict(zip(_names("exogenous", spec.exogenous), transitions.exogenous.T, strict=True))
     columns["split"] = pa.DictionaryArray.from_arrays(pa.array(table.split, pa.int8()), list(SPLITS))
     codes = pa.array(np.zeros(len(transitions), dtype=np.int8))
     columns["segment"] = pa.DictionaryArray.from_arrays(codes, [table.segment])
@@ -231,6 +233,7 @@ def _arrays(table: pa.Table, spec: SpaceSpec) -> dict[str, Any]:
         arrays["action"] = stack(table, _names("action", spec.action.dimensions))
     else:
         arrays["action"] = table.column("action").to_numpy()
+    arrays["exogenous"] = stack(table, _names("exogenous", spec.exogenous))
     return arrays
 
 

@@ -65,7 +65,7 @@ class Quality:
     tallies: Mapping[tuple[str, str], Tally]
     """Tally by kind of finding and dimension; the dimension is empty where a finding is about whole steps."""
     ranges: Mapping[str, tuple[float, float]]
-    """Lowest and highest value of each dimension of observation and action."""
+    """Lowest and highest value of each dimension of observation, action and exogenous inputs."""
 
     @staticmethod
     def of(transitions: Transitions, *, log: str, fences: Fences) -> Quality:
@@ -103,10 +103,11 @@ class Quality:
 
 
 def outlier_sample(transitions: Transitions) -> Sample:
-    """Sample the dimensions that can have outliers: those of the observation and of a continuous action."""
+    """Sample what can have outliers: the dimensions of observation, continuous action and exogenous inputs."""
     columns = [transitions.observation]
     if isinstance(transitions.spec.action, ContinuousAction):
         columns.append(transitions.action)
+    columns.append(transitions.exogenous)
     return Sample.of(np.concatenate(columns, axis=1))
 
 
@@ -118,6 +119,7 @@ def outlier_fences(spec: SpaceSpec, sample: Sample) -> Fences:
     names = [f"observation.{name}" for name in spec.observation_names]
     if isinstance(spec.action, ContinuousAction):
         names += [f"action.{dimension.name}" for dimension in spec.action.dimensions]
+    names += [f"exogenous.{dimension.name}" for dimension in spec.exogenous]
     lower, median, upper = sample.quantiles(0.25, 0.5, 0.75)
     reach = np.where(upper > lower, OUTLIER_RANGES * (upper - lower), np.inf)
     return {
@@ -151,6 +153,8 @@ def _columns(transitions: Transitions) -> Iterator[_Column]:
             yield _Column(f"action.{dimension.name}", dimension, values, rows)
     else:
         yield _Column("action", None, transitions.action, rows)
+    for dimension, values in zip(transitions.spec.exogenous, transitions.exogenous.T, strict=True):
+        yield _Column(f"exogenous.{dimension.name}", dimension, values, rows)
 
 
 def _beyond_bounds(dimension: Dimension, values: Float32[np.ndarray, " value"]) -> Bool[np.ndarray, " value"]:
@@ -198,7 +202,10 @@ def _clock(transitions: Transitions, places: _Places) -> Tallies:
 
 
 def _episodes(transitions: Transitions, places: _Places) -> Tallies:
-    """Judge whole episodes, by the dimensions that do not move in them."""
+    """Judge whole episodes, by the dimensions of the state that do not move in them.
+
+    An exogenous input, such as a setpoint, may well hold still in an episode; over a whole recording it should not.
+    """
     slices = list(transitions.episode_slices())
     starts = np.array([rows.start for rows in slices])
     lengths = np.array([rows.stop - rows.start for rows in slices])

@@ -104,15 +104,17 @@ def column_names(transitions: Transitions) -> list[str]:
     names = [f"{prefix}.{name}" for prefix in ("observation", "change") for name in spec.observation_names]
     if isinstance(spec.action, ContinuousAction):
         names += [f"action.{dimension.name}" for dimension in spec.action.dimensions]
+    names += [f"exogenous.{dimension.name}" for dimension in spec.exogenous]
     return [*names, "reward"]
 
 
 def column_values(transitions: Transitions) -> Float64[np.ndarray, "step column"]:
-    """Stack the observation, its change in the step, a continuous action and the reward, in float64."""
+    """Stack the observation, its change in the step, a continuous action, exogenous inputs and reward, in float64."""
     observation = transitions.observation.astype(np.float64)
     columns = [observation, transitions.next_observation - observation]
     if isinstance(transitions.spec.action, ContinuousAction):
         columns.append(transitions.action.astype(np.float64))
+    columns.append(transitions.exogenous.astype(np.float64))
     return np.concatenate([*columns, transitions.reward[:, None].astype(np.float64)], axis=1)
 
 

@@ -31,6 +31,7 @@ def data_report(
     ranges: Sequence[tuple[float, float]],
     occupancy: Occupancy,
     duplicates: int,
+    exogenous: Sequence[tuple[float, float]] = (),
 ) -> dict[str, Any]:
     """Return the report as JSON-compatible values.
 
@@ -40,7 +41,8 @@ def data_report(
         behaviours: who acted, by segment.
         ranges: lowest and highest value of each dimension of the observation.
         occupancy: which cells of the state space hold data.
-        duplicates: number of rows whose observation and action are exactly those of an earlier row.
+        duplicates: number of rows whose observation, action and exogenous inputs are exactly those of an earlier row.
+        exogenous: lowest and highest value of each exogenous input.
     """
     transitions = sum(episode.length for episode in episodes)
     by_segment: dict[str, list[Episode]] = {name: [] for name in behaviours}
@@ -54,10 +56,8 @@ def data_report(
             name: {"behaviour": behaviour, **_segment_figures(by_segment[name])}
             for name, behaviour in behaviours.items()
         },
-        "ranges": {
-            dimension.name: {"min": low, "max": high, **_bounds(dimension), "unit": dimension.unit}
-            for dimension, (low, high) in zip(spec.observation, ranges, strict=True)
-        },
+        "ranges": _ranges(spec.observation, ranges),
+        **({"exogenous": _ranges(spec.exogenous, exogenous)} if spec.exogenous else {}),
         "coverage": _coverage_figures(spec, occupancy),
         "duplicates": {"rows": duplicates, "share": duplicates / transitions},
     }
@@ -129,6 +129,13 @@ def _spread(values: Sequence[float]) -> dict[str, float] | None:
         "median": float(np.median(values)),
         "min": float(np.min(values)),
         "max": float(np.max(values)),
+    }
+
+
+def _ranges(dimensions: Sequence[Dimension], found: Sequence[tuple[float, float]]) -> dict[str, dict[str, Any]]:
+    return {
+        dimension.name: {"min": low, "max": high, **_bounds(dimension), "unit": dimension.unit}
+        for dimension, (low, high) in zip(dimensions, found, strict=True)
     }
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,7 @@ NO_BOUND = 1e30
 
 @dataclass(frozen=True)
 class Dimension:
-    """One component of an observation or of a continuous action."""
+    """One component of an observation, of a continuous action or of the exogenous inputs."""
 
     name: str
     """A protobuf-safe name, unique in its space: letters, digits and underscores, for instance `position`."""
@@ -63,7 +63,7 @@ class ContinuousAction:
 
 @dataclass(frozen=True)
 class SpaceSpec:
-    """What the numbers in a log mean: the names, units and bounds of observations and actions, and the clock."""
+    """What the numbers in a log mean: the names, units and bounds of what is in a step, and the clock."""
 
     observation: tuple[Dimension, ...]
     """The dimensions of an observation, in order."""
@@ -71,6 +71,9 @@ class SpaceSpec:
     """The kind of action and what it consists of."""
     step_seconds: float
     """Simulated time between two steps, in seconds."""
+    exogenous: tuple[Dimension, ...] = ()
+    """The dimensions of the exogenous inputs, in order: what acts on the world and is known, not predicted, for
+    instance a wind, a slope or a setpoint. None in most worlds."""
 
     @property
     def observation_names(self) -> tuple[str, ...]:
@@ -84,10 +87,13 @@ class SpaceSpec:
             action = {"kind": "discrete", "names": list(self.action.names)}
         else:
             action = {"kind": "continuous", "dimensions": [_dimension_to_json(d) for d in self.action.dimensions]}
+        exogenous = [_dimension_to_json(dimension) for dimension in self.exogenous]
         return {
             "observation": [_dimension_to_json(dimension) for dimension in self.observation],
             "action": action,
             "step_seconds": self.step_seconds,
+            # Absent where there are none, so that such a spec is written as it was before there could be any.
+            **({"exogenous": exogenous} if exogenous else {}),
         }
 
     @staticmethod
@@ -107,6 +113,7 @@ class SpaceSpec:
                     else ContinuousAction(tuple(_dimension_from_json(d) for d in action["dimensions"]))
                 ),
                 step_seconds=float(value["step_seconds"]),
+                exogenous=tuple(_dimension_from_json(dimension) for dimension in value.get("exogenous", ())),
             )
         except (KeyError, TypeError, ValueError) as error:
             message = f"a description of spaces is incomplete or malformed ({type(error).__name__}: {error})"
@@ -137,8 +144,13 @@ class Transitions:
     """The step ended the episode for a reason inside the task, such as reaching the goal."""
     truncated: Bool[np.ndarray, " step"]
     """The step ended the episode for a reason outside the task, such as a time limit or the end of the recording."""
+    exogenous: Float32[np.ndarray, "step exogenous"] = field(default_factory=lambda: np.empty((0, 0), np.float32))
+    """The exogenous inputs during the step, in their own units: they stand beside the action. They need not be given
+    if the spaces have none, and are then of no width."""
 
     def __post_init__(self) -> None:
+        if not self.spec.exogenous and self.exogenous.shape == (0, 0):
+            object.__setattr__(self, "exogenous", np.empty((len(self.episode), 0), np.float32))
         _check_columns(self)
         _check_episodes(self)
 
@@ -202,6 +214,7 @@ def _check_columns(transitions: Transitions) -> None:
         "next_observation": (np.float32, (length, width)),
         "terminated": (np.bool_, (length,)),
         "truncated": (np.bool_, (length,)),
+        "exogenous": (np.float32, (length, len(transitions.spec.exogenous))),
     }
     for name, (dtype, shape) in expected.items():
         column = getattr(transitions, name)

@@ -66,15 +66,18 @@ def find_episodes(follows: Bool[np.ndarray, " sample"], min_length: int) -> Epis
 
 
 def out_of_range(values: Float64[np.ndarray, "sample signal"], spec: SpaceSpec) -> dict[str, int]:
-    """Count the samples outside the bounds of each dimension of observation and continuous action; zeros left out."""
-    action = () if isinstance(spec.action, DiscreteAction) else spec.action.dimensions
+    """Count the samples outside the bounds of each dimension but the number of a discrete action; zeros left out."""
+    # That number has a column too, without bounds.
+    action = (None,) if isinstance(spec.action, DiscreteAction) else spec.action.dimensions
     dimensions = [
-        *((f"observation.{each.name}", each) for each in spec.observation),
-        *((f"action.{each.name}", each) for each in action),
+        *(("observation", each) for each in spec.observation),
+        *(("action", each) for each in action),
+        *(("exogenous", each) for each in spec.exogenous),
     ]
     counts = {
-        name: int(((column < each.low) | (column > each.high)).sum())
-        for (name, each), column in zip(dimensions, values.T, strict=False)
+        f"{role}.{each.name}": int(((column < each.low) | (column > each.high)).sum())
+        for (role, each), column in zip(dimensions, values.T, strict=False)
+        if each is not None
     }
     return {name: count for name, count in counts.items() if count}
 
@@ -82,7 +85,8 @@ def out_of_range(values: Float64[np.ndarray, "sample signal"], spec: SpaceSpec) 
 def make_transitions(samples: Samples, episodes: Episodes, signals: Signals, first_episode: int) -> Transitions:
     """Make transitions of the episodes: K samples are K - 1 steps, and the action of the last sample is not used.
 
-    The reward of a step is the one that stands beside its action, 0 if there is none. The last step of an episode is
+    The exogenous inputs of a step are those that stand beside its action, and so is its reward, 0 if there is none. The
+    last step of an episode is
     truncated unless it is terminated. Time is simulated: it counts the steps of the file.
     """
     before = _rows([slice(each.start, each.stop - 1) for each in episodes.slices])
@@ -107,6 +111,7 @@ def make_transitions(samples: Samples, episodes: Episodes, signals: Signals, fir
         next_observation=observation[before + 1],
         terminated=terminated,
         truncated=last & ~terminated,
+        exogenous=values[before, signals.exogenous_columns].astype(np.float32),
     )
 
 

@@ -39,7 +39,10 @@ class Signal:
 
 @dataclass(frozen=True)
 class Signals:
-    """All numbers of a sample, in order: observation, action, reward and label; the last two may be absent."""
+    """All numbers of a sample, in order: observation, action, exogenous inputs, reward and label.
+
+    All but the first two may be absent.
+    """
 
     spec: SpaceSpec
     """The spaces of the transitions."""
@@ -49,12 +52,13 @@ class Signals:
     reward: Signal | None
     label: Signal | None
     """Changes its value from episode to episode."""
+    exogenous: tuple[Signal, ...] = ()
 
     @property
     def all(self) -> tuple[Signal, ...]:
         """All signals; their order is that of the columns of `Samples.values`."""
         rest = [signal for signal in (self.reward, self.label) if signal is not None]
-        return (*self.observation, *self.action, *rest)
+        return (*self.observation, *self.action, *self.exogenous, *rest)
 
     @property
     def observation_columns(self) -> slice:
@@ -67,9 +71,14 @@ class Signals:
         return slice(len(self.observation), len(self.observation) + len(self.action))
 
     @property
+    def exogenous_columns(self) -> slice:
+        """Columns of the exogenous inputs."""
+        return slice(self.action_columns.stop, self.action_columns.stop + len(self.exogenous))
+
+    @property
     def reward_column(self) -> int | None:
         """Column of the reward, if there is one."""
-        return None if self.reward is None else self.action_columns.stop
+        return None if self.reward is None else self.exogenous_columns.stop
 
     @property
     def label_column(self) -> int | None:
@@ -101,12 +110,14 @@ def signals_of(source: SourceParams) -> Signals:
     else:
         components, action = _expanded(source.action.continuous or {})
         space = ContinuousAction(components)
+    inputs, exogenous = _expanded(source.exogenous)
     return Signals(
-        spec=SpaceSpec(dimensions, space, step_seconds=1.0 / source.rate_hz),
+        spec=SpaceSpec(dimensions, space, step_seconds=1.0 / source.rate_hz, exogenous=inputs),
         observation=observation,
         action=action,
         reward=None if source.reward is None else Signal(source.reward, _number),
         label=_label(source),
+        exogenous=exogenous,
     )
 
 

@@ -172,6 +172,7 @@ class _BulkWriter:
             (rows.observation, block.observation),
             (rows.next_observation, block.next_observation),
             (rows.action, block.action),
+            (rows.exogenous, block.exogenous),
         ):
             for view, components in views:
                 view[:] = values[part][components]

@@ -120,6 +120,11 @@ def transition_columns(spec: SpaceSpec, runs: Sequence[MessageRun]) -> Columns:
         "next_observation": layout.vector(rows, "next_observation").astype(np.float32, copy=False),
         "terminated": layout.scalar(rows, "terminated").astype(np.bool_),
         "truncated": layout.scalar(rows, "truncated").astype(np.bool_),
+        "exogenous": (
+            layout.vector(rows, "exogenous").astype(np.float32, copy=False)
+            if spec.exogenous
+            else np.empty((len(rows), 0), np.float32)
+        ),
     }
 
 

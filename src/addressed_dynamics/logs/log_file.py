@@ -170,6 +170,7 @@ class TransitionRows:
             if isinstance(spec.action, DiscreteAction)
             else _parts(layout, rows, "action")
         )
+        self.exogenous = _parts(layout, rows, "exogenous") if spec.exogenous else []
 
     def stamp(self, sequence: Int64[np.ndarray, " message"], time_ns: Int64[np.ndarray, " message"]) -> None:
         """Give the first messages their numbers and their times."""
@@ -179,7 +180,7 @@ class TransitionRows:
 
 
 Vector = Float[np.ndarray, " component"] | list[float]
-"""The components of an observation or of an action; a list is packed as it is."""
+"""The components of an observation, of an action or of exogenous inputs; a list is packed as it is."""
 
 Pack = Callable[..., None]
 """Packs the fields of one transition, in the order of `Transitions` without the time, from a byte of a chunk on."""
@@ -209,6 +210,7 @@ def transition_packer(layout: MessageLayout, spec: SpaceSpec, chunk: UInt8[np.nd
     at_episode, at_step, at_reward = place["episode"], place["step"], place["reward"]
     at_observation, at_next, at_action = place["observation"], place["next_observation"], place["action"]
     at_terminated, at_truncated = place["terminated"], place["truncated"]
+    at_exogenous = place.get("exogenous")
     discrete = isinstance(spec.action, DiscreteAction)
     if discrete:
         at_action = at_action.start
@@ -224,6 +226,7 @@ def transition_packer(layout: MessageLayout, spec: SpaceSpec, chunk: UInt8[np.nd
         next_observation: Vector,
         terminated: bool,
         truncated: bool,
+        exogenous: Vector,
     ) -> None:
         arguments[at_episode] = episode
         arguments[at_step] = step
@@ -233,6 +236,8 @@ def transition_packer(layout: MessageLayout, spec: SpaceSpec, chunk: UInt8[np.nd
         arguments[at_next] = next_observation if isinstance(next_observation, list) else next_observation.tolist()
         arguments[at_terminated] = terminated
         arguments[at_truncated] = truncated
+        if at_exogenous is not None:
+            arguments[at_exogenous] = exogenous if isinstance(exogenous, list) else exogenous.tolist()
         pack_into(memory, byte, *arguments)
 
     return pack

@@ -1,8 +1,9 @@
 """The protobuf messages of a log, generated from the spaces of an environment.
 
 `addressed_dynamics.Transition` has the named dimensions as scalar fields of its sub-messages, so that a viewer offers
-`observation.position`; `addressed_dynamics.Episode` tells how an episode ended. Only field types whose encoding has a
-fixed length are used (`layout.py` relies on it).
+`observation.position`; exogenous inputs are its last field, which is there only if there are any.
+`addressed_dynamics.Episode` tells how an episode ended. Only field types whose encoding has a fixed length are used
+(`layout.py` relies on it).
 """
 
 import re
@@ -34,7 +35,8 @@ UNKNOWN_SEED = -1
 """The field `seed` of an episode whose seed is not known."""
 
 MOST_DIMENSIONS = 10_000
-"""Most dimensions of an observation or an action; protobuf decoders refuse messages of over some 16,000 fields."""
+"""Most dimensions of an observation, an action or the exogenous inputs; protobuf decoders refuse messages of over some
+16,000 fields."""
 
 _IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _Field = FieldDescriptorProto
@@ -60,10 +62,15 @@ def transition_file(spec: SpaceSpec) -> FileDescriptorProto:
     _add_field(message, "next_observation", _Field.TYPE_MESSAGE, f".{TRANSITION_SCHEMA}.Observation")
     _add_field(message, "terminated", _Field.TYPE_BOOL)
     _add_field(message, "truncated", _Field.TYPE_BOOL)
+    if spec.exogenous:
+        message.nested_type.append(_vector_message("Exogenous", [each.name for each in spec.exogenous]))
+        _add_field(message, "exogenous", _Field.TYPE_MESSAGE, f".{TRANSITION_SCHEMA}.Exogenous")
     file = _file("transition", message)
     _describe_dimensions(file, 0, spec.observation)
     if isinstance(spec.action, ContinuousAction):
         _describe_dimensions(file, 1, spec.action.dimensions)
+    if spec.exogenous:
+        _describe_dimensions(file, len(message.nested_type) - 1, spec.exogenous)
     return file
 
 

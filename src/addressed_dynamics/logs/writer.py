@@ -10,6 +10,7 @@ from typing import Any, Self
 import numpy as np
 from jaxtyping import UInt8
 
+from addressed_dynamics.base.errors import LogError
 from addressed_dynamics.episodes.transitions import SpaceSpec
 from addressed_dynamics.logs.contents import RunInfo
 from addressed_dynamics.logs.log_file import (
@@ -26,6 +27,9 @@ from addressed_dynamics.logs.log_file import (
     transition_packer,
 )
 
+_NOTHING: list[float] = []
+"""The exogenous inputs of a step in a world without any."""
+
 
 class TransitionLogWriter:
     """Writes one log: `path` with `.partial` appended, renamed to `path` when it is complete.
@@ -36,7 +40,7 @@ class TransitionLogWriter:
 
     Args:
         path: the log; an existing one is replaced, but only by a complete one.
-        spec: names, units and bounds of observations and actions, and the length of a step.
+        spec: names, units and bounds of observations, actions and exogenous inputs, and the length of a step.
         topic: transitions go to the topic `<topic>/transition`, episodes to `/episode`.
         run: where the data comes from.
         first_step: number of transitions in the logs before this one, if it continues them; so does its clock.
@@ -56,6 +60,7 @@ class TransitionLogWriter:
         """Transitions in the chunks before the open one."""
         self._first_step = first_step
         self._step_ns = spec.step_seconds * 1e9
+        self._exogenous = len(spec.exogenous)
         self._episode_start, self._episode_return = 0, 0.0
         self._begin = len(self._file.container.description)
         self._message_bytes = message_bytes(self._file.transition_layout)
@@ -98,16 +103,26 @@ class TransitionLogWriter:
         next_observation: Vector,
         terminated: bool,
         truncated: bool,
+        exogenous: Vector = _NOTHING,
     ) -> None:
         """Add a transition; the fields are those of `Transitions`.
 
         Raises:
-            LogError: the file cannot be written; the message says how many transitions are safe.
+            LogError: the file cannot be written; the message says how many transitions are safe. Or there are more or
+                fewer exogenous inputs than the spaces have.
         """
+        if len(exogenous) != self._exogenous:
+            message = (
+                f"{self.path}: a transition has {len(exogenous)} exogenous inputs, but the spaces of the log have "
+                f"{self._exogenous}; give one number for each of them"
+            )
+            raise LogError(message)
         if self._offset >= self._end:
             self._do(self._write_chunk)
         offset = self._offset
-        self._pack(offset, episode, step, observation, action, reward, next_observation, terminated, truncated)
+        self._pack(
+            offset, episode, step, observation, action, reward, next_observation, terminated, truncated, exogenous
+        )
         # Counted only when it is whole: Ctrl-C above leaves no trace.
         self._offset = offset + self._message_bytes
 

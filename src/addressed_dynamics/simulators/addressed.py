@@ -24,6 +24,9 @@ from addressed_dynamics.simulators.modes import MODES, Mode, check_choice, no_mo
 class AddressedDynamics:
     """A learned simulator: from states and actions to next states, in the environment's units.
 
+    Exogenous inputs, such as a wind, are known and not predicted. A model that has some (`features.spaces.exogenous`)
+    must be given them beside the actions, and no other model may be.
+
     Every method takes tensors, arrays or lists, of a batch or of one sample, and answers one sample without the axis of
     the batch; with a tensor if the first argument is one, else with an array.
     """
@@ -122,15 +125,33 @@ class AddressedDynamics:
 
     @overload
     def predict(
-        self, observation: Tensor, action: Values, mode: Mode | None = ..., *, generator: torch.Generator | None = ...
+        self,
+        observation: Tensor,
+        action: Values,
+        mode: Mode | None = ...,
+        *,
+        exogenous: Values | None = ...,
+        generator: torch.Generator | None = ...,
     ) -> Tensor: ...
     @overload
     def predict(
-        self, observation: Plain, action: Values, mode: Mode | None = ..., *, generator: torch.Generator | None = ...
+        self,
+        observation: Plain,
+        action: Values,
+        mode: Mode | None = ...,
+        *,
+        exogenous: Values | None = ...,
+        generator: torch.Generator | None = ...,
     ) -> np.ndarray: ...
     @torch.no_grad()
     def predict(
-        self, observation: Values, action: Values, mode: Mode | None = None, *, generator: torch.Generator | None = None
+        self,
+        observation: Values,
+        action: Values,
+        mode: Mode | None = None,
+        *,
+        exogenous: Values | None = None,
+        generator: torch.Generator | None = None,
     ) -> Tensor | np.ndarray:
         """Return the states after the actions.
 
@@ -145,25 +166,40 @@ class AddressedDynamics:
             mode: `argmax`: the member with the highest output; `sample`: a member drawn with the outputs' softmax as
                 probabilities; `mixture`: the members' outputs weighted by them; `blend`: the output of a network whose
                 parameters are weighted by them. None for the model's own.
+            exogenous: the exogenous inputs during the steps, (B, d_exo) or (B, H, d_exo), in their own units; None if,
+                and only if, the model has none.
             generator: source of randomness for `sample`; None for torch's own.
 
         Returns:
             Next states, (B, d_obs), or (d_obs,) for one, float32; a tensor for a tensor, else an array.
 
         Raises:
-            ModelError: a shape or the mode is wrong, a value is not finite, or a discrete action does not exist.
+            ModelError: a shape or the mode is wrong, a value is not finite, a discrete action does not exist, or
+                exogenous inputs are missing or not asked for.
         """
-        states, actions, single = self._batch(observation, action)
-        predicted = self._predict(states, actions, self._mode(mode), generator)
+        given, single = self._batch(observation, action, exogenous)
+        predicted = self._predict(*given, self._mode(mode), generator)
         return answer(predicted, observation, single=single)
 
     @overload
     def rollout(
-        self, observation: Tensor, actions: Values, mode: Mode | None = ..., *, generator: torch.Generator | None = ...
+        self,
+        observation: Tensor,
+        actions: Values,
+        mode: Mode | None = ...,
+        *,
+        exogenous: Values | None = ...,
+        generator: torch.Generator | None = ...,
     ) -> Tensor: ...
     @overload
     def rollout(
-        self, observation: Plain, actions: Values, mode: Mode | None = ..., *, generator: torch.Generator | None = ...
+        self,
+        observation: Plain,
+        actions: Values,
+        mode: Mode | None = ...,
+        *,
+        exogenous: Values | None = ...,
+        generator: torch.Generator | None = ...,
     ) -> np.ndarray: ...
     @torch.no_grad()
     def rollout(
@@ -172,6 +208,7 @@ class AddressedDynamics:
         actions: Values,
         mode: Mode | None = None,
         *,
+        exogenous: Values | None = None,
         generator: torch.Generator | None = None,
     ) -> Tensor | np.ndarray:
         """Return the states after each of T actions, every state predicted from those predicted before it.
@@ -182,15 +219,17 @@ class AddressedDynamics:
             actions: (B, T) integers if the actions are discrete, else (B, T, d_act) in the environment's units. With a
                 history (B, H - 1 + T) or (B, H - 1 + T, d_act): action h is taken in frame h.
             mode: as in `predict`.
+            exogenous: the exogenous inputs during each step, (B, T, d_exo) or (B, H - 1 + T, d_exo), in their own
+                units: row t stands beside action t. None if, and only if, the model has none.
             generator: as in `predict`.
 
         Returns:
             States, (B, T, d_obs), or (T, d_obs) from one, float32; a tensor for a tensor, else an array.
 
         Raises:
-            ModelError: a shape or the mode is wrong, a value is not finite, or a discrete action does not exist.
+            ModelError: as in `predict`.
         """
-        state, steps, single = self._batch(observation, actions, steps=True)
+        (state, steps, known), single = self._batch(observation, actions, exogenous, steps=True)
         mode = self._mode(mode)
         self.features.check_observation(state)
         history = self.features.history
@@ -198,19 +237,22 @@ class AddressedDynamics:
             length = "T" if history == 1 else f"{history - 1} + T"
             message = f"actions should have shape ({len(state)}, {length}, ...), but have {tuple(steps.shape)}"
             raise ModelError(message)
+        replayed = self.features.encode_exogenous(known, tuple(steps.shape[:2]))
         states = torch.empty(len(state), steps.shape[1] - history + 1, len(self.features.spaces.observation))
         for t in range(states.shape[1]):
-            action = steps[:, t] if history == 1 else steps[:, t : t + history]
-            states[:, t] = self._predict(state, action, mode, generator)
+            rows = t if history == 1 else slice(t, t + history)
+            states[:, t] = self._predict(state, steps[:, rows], replayed[:, rows], mode, generator)
             state = states[:, t] if history == 1 else torch.cat([state[:, 1:], states[:, t : t + 1]], dim=1)
         return answer(states, observation, single=single)
 
     @overload
-    def member_outputs(self, observation: Tensor, action: Values) -> Tensor: ...
+    def member_outputs(self, observation: Tensor, action: Values, *, exogenous: Values | None = ...) -> Tensor: ...
     @overload
-    def member_outputs(self, observation: Plain, action: Values) -> np.ndarray: ...
+    def member_outputs(self, observation: Plain, action: Values, *, exogenous: Values | None = ...) -> np.ndarray: ...
     @torch.no_grad()
-    def member_outputs(self, observation: Values, action: Values) -> Tensor | np.ndarray:
+    def member_outputs(
+        self, observation: Values, action: Values, *, exogenous: Values | None = None
+    ) -> Tensor | np.ndarray:
         """Return the outputs of every member, (n, B, d_out), or (n, d_out) for one sample.
 
         They are normalised as `features.encode_target` normalises targets.
@@ -218,8 +260,8 @@ class AddressedDynamics:
         Raises:
             ModelError: as in `predict`.
         """
-        states, actions, single = self._batch(observation, action)
-        return answer(self.ensemble(self.features.encode(states, actions)), observation, single=single, axis=1)
+        given, single = self._batch(observation, action, exogenous)
+        return answer(self.ensemble(self.features.encode(*given)), observation, single=single, axis=1)
 
     @overload
     def decode(self, output: Tensor, observation: Values) -> Tensor: ...
@@ -252,41 +294,47 @@ class AddressedDynamics:
         return answer(self._decoded(batch, states), output, single=single, axis=-2)
 
     @overload
-    def member_predictions(self, observation: Tensor, action: Values) -> Tensor: ...
+    def member_predictions(self, observation: Tensor, action: Values, *, exogenous: Values | None = ...) -> Tensor: ...
     @overload
-    def member_predictions(self, observation: Plain, action: Values) -> np.ndarray: ...
+    def member_predictions(
+        self, observation: Plain, action: Values, *, exogenous: Values | None = ...
+    ) -> np.ndarray: ...
     @torch.no_grad()
-    def member_predictions(self, observation: Values, action: Values) -> Tensor | np.ndarray:
+    def member_predictions(
+        self, observation: Values, action: Values, *, exogenous: Values | None = None
+    ) -> Tensor | np.ndarray:
         """Return what every member predicts, (n, B, d_obs), or (n, d_obs) for one sample, in the environment's units.
 
         Raises:
             ModelError: as in `predict`.
         """
-        states, actions, single = self._batch(observation, action)
-        predicted = self._decoded(self.ensemble(self.features.encode(states, actions)), states)
+        given, single = self._batch(observation, action, exogenous)
+        predicted = self._decoded(self.ensemble(self.features.encode(*given)), given[0])
         return answer(predicted, observation, single=single, axis=1)
 
     @overload
-    def address(self, observation: Tensor, action: Values) -> Tensor: ...
+    def address(self, observation: Tensor, action: Values, *, exogenous: Values | None = ...) -> Tensor: ...
     @overload
-    def address(self, observation: Plain, action: Values) -> np.ndarray: ...
+    def address(self, observation: Plain, action: Values, *, exogenous: Values | None = ...) -> np.ndarray: ...
     @torch.no_grad()
-    def address(self, observation: Values, action: Values) -> Tensor | np.ndarray:
+    def address(self, observation: Values, action: Values, *, exogenous: Values | None = None) -> Tensor | np.ndarray:
         """Return the member that the addressing network picks, (B,) int64, or () for one sample.
 
         Raises:
             ModelError: as in `predict`.
         """
-        states, actions, single = self._batch(observation, action)
-        picked = self.probabilities_of(self.features.encode(states, actions)).argmax(dim=1)
+        given, single = self._batch(observation, action, exogenous)
+        picked = self.probabilities_of(self.features.encode(*given)).argmax(dim=1)
         return answer(picked, observation, single=single)
 
     @overload
-    def probabilities(self, observation: Tensor, action: Values) -> Tensor: ...
+    def probabilities(self, observation: Tensor, action: Values, *, exogenous: Values | None = ...) -> Tensor: ...
     @overload
-    def probabilities(self, observation: Plain, action: Values) -> np.ndarray: ...
+    def probabilities(self, observation: Plain, action: Values, *, exogenous: Values | None = ...) -> np.ndarray: ...
     @torch.no_grad()
-    def probabilities(self, observation: Values, action: Values) -> Tensor | np.ndarray:
+    def probabilities(
+        self, observation: Values, action: Values, *, exogenous: Values | None = None
+    ) -> Tensor | np.ndarray:
         """Return the softmax of the addressing network's outputs, (B, n), or (n,) for one sample.
 
         The member with the highest is selected.
@@ -294,8 +342,8 @@ class AddressedDynamics:
         Raises:
             ModelError: as in `predict`.
         """
-        states, actions, single = self._batch(observation, action)
-        return answer(self.probabilities_of(self.features.encode(states, actions)), observation, single=single)
+        given, single = self._batch(observation, action, exogenous)
+        return answer(self.probabilities_of(self.features.encode(*given)), observation, single=single)
 
     def __repr__(self) -> str:
         spaces, addressing = self.features.spaces, self.addressing
@@ -308,6 +356,7 @@ class AddressedDynamics:
             f"mode {self.mode}" if addressing else "single network",
             f"states {shown_names(spaces.observation_names)}",
             f"actions {shown_names(names)}",
+            *((f"exogenous {shown_names([each.name for each in spaces.exogenous])}",) if spaces.exogenous else ()),
             f"{spaces.step_seconds:g} s a step",
             f"history {self.features.history}",
             f"{networks}, addressing {addressing.widths}" if addressing else networks,
@@ -325,12 +374,15 @@ class AddressedDynamics:
             raise no_mode(mode, MODES)
         return self.mode if mode is None else mode
 
-    def _batch(self, observation: Values, action: Values, *, steps: bool = False) -> tuple[Tensor, Tensor, bool]:
-        """Return states and actions as tensors of a batch, and whether they were those of one sample.
+    def _batch(
+        self, observation: Values, action: Values, exogenous: Values | None, *, steps: bool = False
+    ) -> tuple[tuple[Tensor, Tensor, Tensor | None], bool]:
+        """Return states, actions and exogenous inputs as tensors of a batch, and whether they were of one sample.
 
         Args:
             observation: states.
             action: actions, in a row of them if there is a history, or if they are those of `steps`.
+            exogenous: exogenous inputs, as the actions; None for none.
             steps: whether there is an action for each of many steps.
 
         Raises:
@@ -340,10 +392,12 @@ class AddressedDynamics:
         discrete = isinstance(self.features.spaces.action, DiscreteAction)
         if not discrete:
             actions = finite(actions, "actions")
-        axes = int(steps or self.features.history > 1) + int(not discrete)
-        if one and actions.ndim == axes:
-            return states, actions.unsqueeze(0), True
-        return states[0] if one else states, actions, False
+        known = None if exogenous is None else finite(as_tensor(exogenous), "exogenous inputs")
+        in_a_row = int(steps or self.features.history > 1)
+        if one and actions.ndim == in_a_row + int(not discrete):
+            alone = known is not None and known.ndim == in_a_row + 1
+            return (states, actions.unsqueeze(0), known.unsqueeze(0) if known is not None and alone else known), True
+        return (states[0] if one else states, actions, known), False
 
     def _states(self, observation: Values) -> tuple[Float[Tensor, "sample ..."], bool]:
         """Return states as a batch, and whether they were those of one sample."""
@@ -358,9 +412,14 @@ class AddressedDynamics:
         return self.features.decode(output, states if self.features.history == 1 else states[:, -1])
 
     def _predict(
-        self, observation: Tensor, action: Tensor, mode: Mode, generator: torch.Generator | None
+        self,
+        observation: Tensor,
+        action: Tensor,
+        exogenous: Tensor | None,
+        mode: Mode,
+        generator: torch.Generator | None,
     ) -> Float[Tensor, "sample observation"]:
-        x = self.features.encode(observation, action)
+        x = self.features.encode(observation, action, exogenous)
         output = self.combined(x, self.probabilities_of(x), mode, generator=generator)
         return self._decoded(output, observation)
 

@@ -13,10 +13,11 @@ from addressed_dynamics.simulators.addressed import AddressedDynamics
 
 @final
 class PortableDynamics(nn.Module):
-    """Maps states and actions to next states, with the paper's addressing (the member with the highest output).
+    """Maps states, actions and exogenous inputs to next states, with the paper's addressing.
 
-    It evaluates every member and keeps the selected one's output, because a trace must not depend on the data; up to
-    rounding, the result is that of `AddressedDynamics.predict`. It checks nothing.
+    That is the member with the highest output of the addressing network. It evaluates every member and keeps the
+    selected one's output, because a trace must not depend on the data; up to rounding, the result is that of
+    `AddressedDynamics.predict`. It checks nothing.
     """
 
     def __init__(self, model: AddressedDynamics) -> None:
@@ -24,24 +25,24 @@ class PortableDynamics(nn.Module):
         self.features = model.features
         self.ensemble = model.ensemble
         self.addressing = model.addressing
-        self.states = len(model.features.spaces.observation)
-        action = model.features.spaces.action
-        self.columns = self.states + (1 if isinstance(action, DiscreteAction) else len(action.dimensions))
+        spaces = model.features.spaces
+        actions = 1 if isinstance(spaces.action, DiscreteAction) else len(spaces.action.dimensions)
+        self.columns = [len(spaces.observation), actions, len(spaces.exogenous)]
 
     def forward(self, inputs: Float[Tensor, "sample input"]) -> Float[Tensor, "sample observation"]:
         """Return the next states, (B, d_obs).
 
         Args:
             inputs: states in the environment's units beside actions: one column with the action's number if actions
-                are discrete, (B, d_obs + 1), else one for each of its components, (B, d_obs + d_act). With a history,
-                so many columns for each frame, oldest first.
+                are discrete, (B, d_obs + 1), else one for each of its components, (B, d_obs + d_act); and beside them
+                the exogenous inputs, if there are any. With a history, so many columns for each frame, oldest first.
         """
-        frames = inputs.reshape(-1, self.features.history, self.columns)
-        observation, action = frames[..., : self.states], frames[..., self.states :]
+        frames = inputs.reshape(-1, self.features.history, sum(self.columns))
+        observation, action, exogenous = torch.split(frames, self.columns, dim=-1)
         kind = self.features.spaces.action
         if isinstance(kind, DiscreteAction):
             action = (action.round() == torch.arange(kind.count)).to(torch.float32)
-        x = torch.cat([observation, action], dim=-1)
+        x = torch.cat([observation, action, exogenous], dim=-1)
         x = (x - torch.tensor(self.features.input_mean)) / torch.tensor(self.features.input_deviation)
         x, last = self.features.join(x if self.features.history > 1 else x[:, 0]), observation[:, -1]
         outputs = self.ensemble(x)

@@ -184,7 +184,8 @@ def test_a_model_is_rolled_out_under_the_recorded_actions_whatever_the_spaces(sp
     squared, predicted = rollout_errors(model, truth, "argmax")
     state = truth.states[:, 0].astype(np.float32)
     for step in range(truth.steps):
-        state = model.predict(state, truth.actions[:, step])
+        exogenous = None if truth.exogenous is None else truth.exogenous[:, step]
+        state = model.predict(state, truth.actions[:, step], exogenous=exogenous)
         np.testing.assert_array_equal(predicted[:, step], state)
         np.testing.assert_allclose(squared[:, step], (state.astype(float) - truth.states[:, step + 1]) ** 2)
 

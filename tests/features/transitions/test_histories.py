@@ -83,7 +83,8 @@ def test_samples_are_what_encoding_the_frames_gives(case: tuple, history: int) -
     world = random_transitions(spec, [history + 3, history - 1], np.random.default_rng(seed))
     features = fitted(world, history, 0.5)
     places = np.arange(history - 1, history + 3)[:, None] + np.arange(1 - history, 1)
-    encoded = features.encode(torch.from_numpy(world.observation[places]), torch.from_numpy(world.action[places]))
+    columns = (world.observation, world.action, world.exogenous)
+    encoded = features.encode(*(torch.from_numpy(values[places]) for values in columns))
     torch.testing.assert_close(features.samples(world).x[:], encoded, rtol=0.0, atol=0.0)
 
 

@@ -17,6 +17,8 @@ from addressed_dynamics.sources.transitions.params import FeatureParams
 
 TARGETS = ("absolute", "change")
 Target = Literal["absolute", "change"]
+Case = tuple[SpaceSpec, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+"""Spaces, states, actions, the states after them, and exogenous inputs."""
 
 
 def empty(world: Transitions) -> Transitions:
@@ -29,8 +31,8 @@ def respace(world: Transitions, observation: tuple[Dimension, ...]) -> Transitio
 
 
 @st.composite
-def spaces_and_states(draw: st.DrawFn) -> tuple[SpaceSpec, np.ndarray, np.ndarray, np.ndarray]:
-    """A space with some states in it, actions, and the states that follow."""
+def spaces_and_states(draw: st.DrawFn) -> Case:
+    """A space with some states in it, actions, the states that follow, and exogenous inputs."""
     spec = draw(space_specs(max_size=4))
     generator = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     rows = draw(st.integers(2, 12))
@@ -42,10 +44,12 @@ def spaces_and_states(draw: st.DrawFn) -> tuple[SpaceSpec, np.ndarray, np.ndarra
         if isinstance(spec.action, DiscreteAction)
         else generator.standard_normal((rows, len(spec.action.dimensions))).astype(np.float32)
     )
-    return spec, before, action, after
+    return spec, before, action, after, generator.standard_normal((rows, len(spec.exogenous))).astype(np.float32)
 
 
-def one_step_episodes(spec: SpaceSpec, before: np.ndarray, action: np.ndarray, after: np.ndarray) -> Transitions:
+def one_step_episodes(
+    spec: SpaceSpec, before: np.ndarray, action: np.ndarray, after: np.ndarray, exogenous: np.ndarray | None = None
+) -> Transitions:
     rows = len(before)
     return Transitions(
         spec=spec,
@@ -58,14 +62,13 @@ def one_step_episodes(spec: SpaceSpec, before: np.ndarray, action: np.ndarray, a
         next_observation=after,
         terminated=np.ones(rows, dtype=bool),
         truncated=np.zeros(rows, dtype=bool),
+        **({} if exogenous is None else {"exogenous": exogenous}),
     )
 
 
 @settings(max_examples=60)
 @given(spaces_and_states(), st.sampled_from(TARGETS))
-def test_decoding_an_encoded_target_gives_the_next_state(
-    case: tuple[SpaceSpec, np.ndarray, np.ndarray, np.ndarray], target: Target
-) -> None:
+def test_decoding_an_encoded_target_gives_the_next_state(case: Case, target: Target) -> None:
     features = fit_features(one_step_episodes(*case), FeatureParams(target=target))
     before, after = torch.from_numpy(case[1]), torch.from_numpy(case[3])
     decoded = features.decode(features.encode_target(before, after), before)
@@ -78,7 +81,7 @@ def test_decoding_an_encoded_target_gives_the_next_state(
 @settings(max_examples=60)
 @given(spaces_and_states())
 def test_inputs_of_the_training_data_have_mean_0_and_deviation_1_unless_they_are_constant(
-    case: tuple[SpaceSpec, np.ndarray, np.ndarray, np.ndarray],
+    case: Case,
 ) -> None:
     transitions = one_step_episodes(*case)
     x = fit_features(transitions, CHANGE).samples(transitions).x.double()
@@ -89,7 +92,7 @@ def test_inputs_of_the_training_data_have_mean_0_and_deviation_1_unless_they_are
 
 @settings(max_examples=40)
 @given(spaces_and_states(), st.sampled_from(TARGETS))
-def test_a_spec_survives_json(case: tuple[SpaceSpec, np.ndarray, np.ndarray, np.ndarray], target: Target) -> None:
+def test_a_spec_survives_json(case: Case, target: Target) -> None:
     features = fit_features(one_step_episodes(*case), FeatureParams(target=target))
     assert FeatureSpec.from_json(json.loads(json.dumps(features.to_json(), allow_nan=False))) == features
 

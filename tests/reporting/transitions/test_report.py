@@ -290,3 +290,31 @@ def test_the_headline_counts_the_targets_reached(tmp_path: Path) -> None:
     assert figures["targets/reached"] == 4.0
     assert figures["rollout_mse/velocity"] == 1e-6
     assert figures["agreement"] == 0.97
+
+
+def test_exogenous_inputs_are_listed_with_their_ranges_and_their_role(tmp_path: Path) -> None:
+    spaces = dataclasses.replace(CAR, exogenous=(Dimension("wind", "m/s", -20.0, np.inf), Dimension("slope", "", 0, 1)))
+    figures, arrays = write_results(tmp_path, wall_free=None)
+    ranges = {
+        "wind": {"min": -3.25, "max": 12.0, "low": -20.0, "high": None, "unit": "m/s"},
+        "slope": {"min": 0.0, "max": 0.5, "low": 0.0, "high": 1.0, "unit": ""},
+    }
+    (tmp_path / FILES["data.json"]).write_text(json.dumps(DATA | {"exogenous": ranges}))
+    document = json.loads((tmp_path / FILES["evaluation.json"]).read_text())
+    document["rollouts"]["exogenous"] = ["wind", "slope"]
+    (tmp_path / FILES["evaluation.json"]).write_text(json.dumps(document))
+    report = build_report(load_results(figures, arrays), origin(spaces), None)
+    (table,) = (each for each in tables(report) if each.columns[0].header == "Input")
+    role = "exogenous: known, not predicted"
+    assert [row.cells for row in table.rows] == [
+        ("wind", "m/s", "-3.25", "12", "-20 to none", role),
+        ("slope", "–", "0", "0.5", "0 to 1", role),
+    ]
+    text = render_markdown(report)
+    assert "wind and slope: known, not predicted; every frame holds them beside the action" in text
+    assert "of them repeat an earlier state, action and exogenous inputs." in text
+    assert "under the actions and the exogenous inputs (wind and slope) recorded there" in text
+
+
+def test_a_report_without_exogenous_inputs_does_not_speak_of_them(report: Report) -> None:
+    assert "exogenous" not in render_markdown(report).lower()

@@ -16,8 +16,8 @@ from addressed_dynamics.episodes.index import read_episodes
 from addressed_dynamics.episodes.parquet import load_transitions, read_table
 from addressed_dynamics.episodes.splits import SPLITS, episode_places
 from addressed_dynamics.episodes.statistics import column_names, column_values
-from addressed_dynamics.episodes.transitions import SpaceSpec, Transitions
-from addressed_dynamics.logs import TransitionLogWriter, read_log
+from addressed_dynamics.episodes.transitions import Dimension, SpaceSpec, Transitions
+from addressed_dynamics.logs import TransitionLogWriter, read_log, write_log
 from addressed_dynamics.sources.transitions import conversion
 from addressed_dynamics.sources.transitions.conversion import convert_recording
 from addressed_dynamics.sources.transitions.params import ConvertParams
@@ -304,3 +304,19 @@ def test_nothing_to_train_on_is_an_error(tmp_path: Path) -> None:
     seed = next(seed for seed in range(50) if episode_places(["a-env00-000#0"], seed)[0] < PARAMS.test_share)
     with pytest.raises(TableError, match="none of its 1 episodes is left to train on"):
         convert(tmp_path, params=PARAMS.model_copy(update={"split_seed": seed}))
+
+
+def test_exogenous_inputs_are_converted_and_reported_with_their_ranges(tmp_path: Path) -> None:
+    # Every episode twice: what repeats another's states and actions under another wind is no repetition.
+    once = car_transitions([12] * 3)
+    twice = Transitions.concatenate([once, replace(once, episode=once.episode + 3, time_ns=once.time_ns + 10**12)])
+    wind = np.linspace(-3, 4, len(twice), dtype=np.float32)[:, None]
+    wind[-1] = wind[len(once) - 1]
+    spec = replace(CAR, exogenous=(Dimension("wind", "m/s", -20.0, np.inf),))
+    write_log(tmp_path / "raw" / "a.mcap", replace(twice, spec=spec, exogenous=wind), run=RUN)
+    out = convert(tmp_path)
+    np.testing.assert_array_equal(load_transitions(out / "tables").exogenous, wind)
+    report = json.loads((out / "reports" / "data.json").read_text(encoding="utf-8"))
+    bounds = {"low": -20.0, "high": None, "unit": "m/s"}
+    assert report["exogenous"] == {"wind": {"min": -3.0, "max": float(wind.max()), **bounds}}
+    assert report["duplicates"]["rows"] == 1

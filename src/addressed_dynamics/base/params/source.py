@@ -87,6 +87,9 @@ class _Source(Section):
     observation: Annotated[dict[Name, FieldParams], Field(min_length=1)]
     """The dimensions of an observation, in order."""
     action: ActionParams
+    exogenous: dict[Name, FieldParams] = Field(default_factory=dict)
+    """Exogenous inputs, in order: what acts on the world and is known, not predicted, such as a wind or a setpoint. As
+    of the action, the value at the beginning of a step counts for it."""
     reward: str | None
     """Field of the reward; null if there is none, which makes it 0."""
     rate_hz: Positive

@@ -127,6 +127,12 @@ def check_recording(truth: TrueRollouts, spaces: SpaceSpec) -> None:
             f"actions, but the recording has {', '.join(spaces.observation_names)}; leave 'physics' out"
         )
         raise EvaluationError(message)
+    if spaces.exogenous:
+        message = (
+            "evaluation.rollouts.physics is 'acrobot', whose equations of motion know no exogenous inputs, but the "
+            f"recording has {', '.join(each.name for each in spaces.exogenous)}; leave 'physics' out"
+        )
+        raise EvaluationError(message)
     after = acrobot_step(acrobot_state(truth.states[:, :-1]), truth.actions.astype(np.int64), spaces.step_seconds)
     departure = np.abs(acrobot_observation(after) - truth.states[:, 1:]).max(axis=(0, 1))
     worst = int(departure.argmax())

@@ -48,6 +48,11 @@ class Points:
             windows(torch.from_numpy(self.transitions.action), rows, history),
         )
 
+    def exogenous_inputs(self, point: Int64[Tensor, " chosen"]) -> Float[Tensor, "chosen ..."]:
+        """Return what stands beside the actions of `inputs`, as `AddressedDynamics.predict` takes it."""
+        rows = torch.from_numpy(self.rows)[point]
+        return windows(torch.from_numpy(self.transitions.exogenous), rows, self.features.history)
+
     @property
     def observation(self) -> Float32[np.ndarray, "point observation"]:
         """States before the step, in the environment's units."""
@@ -67,6 +72,12 @@ class Points:
         return action
 
     @property
+    def exogenous(self) -> Float32[np.ndarray, "point exogenous"]:
+        """Exogenous inputs during the step, in their own units."""
+        exogenous: Float32[np.ndarray, "point exogenous"] = self.transitions.exogenous[self.rows]
+        return exogenous
+
+    @property
     def episode(self) -> Int64[np.ndarray, " point"]:
         """Episodes that the points come from."""
         episode: Int64[np.ndarray, " point"] = self.transitions.episode[self.rows]
@@ -80,7 +91,11 @@ class Points:
 
     def x(self, features: FeatureSpec) -> Float[Tensor, "point input"]:
         """Return the inputs of networks with such features, which ask for as many frames as the points have."""
-        return self._once(("x", features), lambda point: features.encode(*self.inputs(point)), sample_dim=0)
+
+        def encode(point: Tensor) -> Tensor:
+            return features.encode(*self.inputs(point), self.exogenous_inputs(point))
+
+        return self._once(("x", features), encode, sample_dim=0)
 
     def outputs(self, model: AddressedDynamics) -> Float[Tensor, "member point output"]:
         """Return the outputs of every member, normalised as targets are."""

@@ -215,6 +215,8 @@ class RolloutSource(Record):
     """Held-out episodes that are shorter than a rollout with its history."""
     physics: RolloutPhysics | None
     """None if it was not asked for."""
+    exogenous: tuple[str, ...] = ()
+    """Names of the exogenous inputs, whose recorded values are replayed."""
 
 
 _OTHER_BASELINES = ("total_parameters", "unequal_bins", "random_bins", "paper_recipe", "default_recipe")

@@ -1,4 +1,7 @@
-"""Free-running rollouts: a model follows its own predictions from a true first state under the recorded actions."""
+"""Free-running rollouts: a model follows its own predictions from a true first state under the recorded actions.
+
+Exogenous inputs are known in advance by their meaning: the recorded ones are replayed beside the actions.
+"""
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -25,15 +28,16 @@ LEFT_BOUNDS_TOLERANCE = 0.01
 def free_run(model: AddressedDynamics, truth: TrueRollouts, mode: Mode) -> Float32[np.ndarray, "episode step state"]:
     """Return the states that a model predicts from the true first states (its whole history) and the actions alone.
 
-    The same models give the same states, in the mode `sample` too.
+    Beside the actions it is given the exogenous inputs, if there are any. The same models give the same states, in the
+    mode `sample` too.
     """
     history = truth.history_states.astype(np.float32)
     generator = torch.Generator().manual_seed(0)
     with single_thread():
         if truth.history_states.shape[1] == 1:
-            return model.rollout(history[:, 0], truth.actions, mode, generator=generator)
+            return model.rollout(history[:, 0], truth.actions, mode, exogenous=truth.exogenous, generator=generator)
         actions = np.concatenate([truth.history_actions, truth.actions], axis=1)
-        return model.rollout(history, actions, mode, generator=generator)
+        return model.rollout(history, actions, mode, exogenous=truth.exogenous, generator=generator)
 
 
 def roll_out(

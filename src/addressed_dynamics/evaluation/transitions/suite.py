@@ -144,6 +144,7 @@ def evaluate_candidates(
                 candidate.name, predicted[candidate.name], truth, points.features.spaces, physics=physics is not None
             )
             horizon += rows
+    names = [dimension.name for dimension in points.features.spaces.exogenous]
     source = {
         "kind": rollouts.kind,
         "steps": truth.steps,
@@ -151,6 +152,7 @@ def evaluate_candidates(
         "too_short": dict(truth.too_short),
         "dropped": asdict(truth.dropped),
         "physics": physics,
+        **({"exogenous": names} if names else {}),
     }
     return results, source, horizon
 
@@ -175,7 +177,7 @@ def figure_arrays(
 
     Arrays: `observation`, `action`, `episode`, `step`, `next_observation`, `predicted` (argmax), `chosen`, `best`,
     `profile` and `profile_untrained` (member, point), `rollout_true` and `rollout_predicted` (episode, T + 1, d),
-    `rollout_actions` (episode, T, ...), `rollout_group` (episode).
+    `rollout_actions` (episode, T, ...), `rollout_group` (episode); and `exogenous`, if there are such inputs.
     """
     losses, chosen = points.losses(model, loss), points.probabilities(model).argmax(dim=1)
     fresh = AddressedDynamics(model.features, untrained, model.addressing)
@@ -197,6 +199,7 @@ def figure_arrays(
         "rollout_predicted": np.concatenate([first[:, None], predicted[shown]], axis=1),
         "rollout_actions": truth.actions[shown],
         "rollout_group": np.array(list(typical)),
+        **({"exogenous": points.exogenous} if model.features.spaces.exogenous else {}),
     }
 
 

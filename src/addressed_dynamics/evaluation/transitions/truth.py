@@ -37,6 +37,8 @@ class TrueRollouts:
     the steps of its longest; 0 if there is none."""
     dropped: Dropped = field(default_factory=Dropped)
     """Held-out episodes that no rollout is from because they are shorter than one."""
+    exogenous: Float32[np.ndarray, "episode time exogenous"] | None = None
+    """The exogenous inputs beside the H - 1 + T actions, those of the history first; None if there are none."""
 
     @property
     def steps(self) -> int:
@@ -54,6 +56,7 @@ class TrueRollouts:
             {name: members[rows] for name, members in self.groups.items()},
             self.too_short,
             self.dropped,
+            None if self.exogenous is None else self.exogenous[rows],
         )
 
 
@@ -73,6 +76,13 @@ def true_rollouts(
     """
     if isinstance(params, RecordedRollouts):
         return replay_recorded(params, test, history, segments)
+    if test.spec.exogenous:
+        names = ", ".join(dimension.name for dimension in test.spec.exogenous)
+        message = (
+            f"evaluation.rollouts: beside '{params.environment.id}' nobody knows the exogenous inputs ({names}) that "
+            "the model needs; replay held-out episodes with 'kind: recorded'"
+        )
+        raise EvaluationError(message)
     return record_true_rollouts(params, test.spec.observation, history)
 
 
@@ -108,12 +118,15 @@ def replay_recorded(
     chosen = _equal_shares(starts, params.episodes, np.random.default_rng(params.seed))
     within = chosen[:, None] + np.arange(steps)
     before = chosen[:, None] + np.arange(1 - history, 0)
+    exogenous = test.exogenous[chosen[:, None] + np.arange(1 - history, steps)] if test.spec.exogenous else None
     history_states = test.observation[chosen[:, None] + np.arange(1 - history, 1)].astype(np.float64)
     states = np.concatenate([history_states[:, -1:], test.next_observation[within]], axis=1)
     groups = _segment_groups([starts[start] for start in chosen.tolist()])
     too_short = {segment: length for segment, length in longest.items() if length < steps + history - 1}
     dropped = shorter_episodes(test, steps + history - 1)
-    return TrueRollouts(states, test.action[within], history_states, test.action[before], groups, too_short, dropped)
+    return TrueRollouts(
+        states, test.action[within], history_states, test.action[before], groups, too_short, dropped, exogenous
+    )
 
 
 def _equal_shares(

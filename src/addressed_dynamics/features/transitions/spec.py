@@ -1,4 +1,4 @@
-"""The FeatureSpec: from states and actions to a network's inputs and targets, and from its outputs to the next state.
+"""The FeatureSpec: from states, actions and exogenous inputs to a network's inputs, from its outputs to the next state.
 
 It is saved with every model, so that a model folder alone can predict from raw observations.
 """
@@ -16,7 +16,7 @@ from torch import Tensor
 
 from addressed_dynamics.base.errors import ModelError, TransitionsError
 from addressed_dynamics.episodes.bounds import meant_bounds
-from addressed_dynamics.episodes.transitions import DiscreteAction, SpaceSpec, Transitions
+from addressed_dynamics.episodes.transitions import Dimension, DiscreteAction, SpaceSpec, Transitions
 from addressed_dynamics.features.common.samples import Samples, Windows
 from addressed_dynamics.features.transitions.angles import velocity_from_angles, weighted_angle
 from addressed_dynamics.features.transitions.windows import check_lengths, window_rows
@@ -45,7 +45,8 @@ class Angle:
 class FeatureSpec:
     """How the networks of one model see the environment. Make one with `fit_features`.
 
-    A network is given `history` frames, each a state and the action taken in it, oldest first. A target t (the next
+    A network is given `history` frames, each a state with the action taken in it and the exogenous inputs during that
+    step, oldest first. A target t (the next
     state, or its change) becomes y = (t / scale - target_mean) / target_deviation with a single deviation for all
     dimensions, so that the loss a network trains on is, up to that constant, the paper's: the error of states scaled to
     [0, 1].
@@ -66,8 +67,8 @@ class FeatureSpec:
     velocity: Literal["difference", "predicted"]
     """Where the angles' velocities come from: differences of successive angles, or the network."""
     input_mean: tuple[float, ...]
-    """Mean of each input of a frame over the training samples, in the environment's units (one-hot actions: their
-    share)."""
+    """Mean of each input of a frame (state, action, exogenous inputs) over the training samples, in the environment's
+    units (one-hot actions: their share)."""
     input_deviation: tuple[float, ...]
     """Standard deviation of each input of a frame over the training samples, floored."""
     scale: tuple[float, ...]
@@ -109,19 +110,27 @@ class FeatureSpec:
         """Range of each predicted dimension of the state, in its unit."""
         return torch.tensor([self.scale[index] for index in self.predicted])
 
-    def encode(self, observation: Float[Tensor, "sample ..."], action: Tensor) -> Float[Tensor, "sample input"]:
-        """Return normalised inputs for states (in the environment's units) and actions.
+    def encode(
+        self,
+        observation: Float[Tensor, "sample ..."],
+        action: Tensor,
+        exogenous: Tensor | None = None,
+    ) -> Float[Tensor, "sample input"]:
+        """Return normalised inputs for states (in the environment's units), actions and exogenous inputs.
 
         Args:
             observation: states, (B, d_obs); with a history of H > 1 frames (B, H, d_obs), oldest first.
             action: the actions taken in them, (B,) or (B, H) integers if the actions are discrete, else one dimension
                 more, for their components.
+            exogenous: the exogenous inputs during the step, (B, d_exo) or (B, H, d_exo), in their own units; None if,
+                and only if, the spaces have none.
 
         Raises:
-            ModelError: a shape is wrong, or a discrete action does not exist.
+            ModelError: a shape is wrong, a discrete action does not exist, or exogenous inputs are missing or are none
+                of the spaces'.
         """
         self.check_observation(observation)
-        return self.join(self._frames(observation, action))
+        return self.join(self._frames(observation, action, exogenous))
 
     def check_observation(self, observation: Tensor) -> None:
         """Check that states have the shape that `encode` asks for.
@@ -135,6 +144,36 @@ class FeatureSpec:
             shape = ", ".join(map(str, ("B", *expected)))
             message = f"observations should have shape ({shape}), but have {tuple(observation.shape)}"
             raise ModelError(message)
+
+    def encode_exogenous(self, exogenous: Tensor | None, batch: tuple[int, ...]) -> Float[Tensor, "*batch exogenous"]:
+        """Return exogenous inputs as float32, without a column if the spaces have none.
+
+        Args:
+            exogenous: the inputs in their own units, (*batch, d_exo); None if the spaces have none.
+            batch: shape without the axis of the inputs.
+
+        Raises:
+            ModelError: they are missing, are of another shape, or the spaces have none.
+        """
+        names = ", ".join(dimension.name for dimension in self.spaces.exogenous)
+        expected = (*batch, len(self.spaces.exogenous))
+        if exogenous is None and not names:
+            return torch.empty(expected)
+        if exogenous is None:
+            message = (
+                f"the model has exogenous inputs ({names}), which are known and not predicted, but was given none; "
+                f"pass exogenous=, of shape {expected}"
+            )
+            raise ModelError(message)
+        if exogenous.shape != expected:
+            found = tuple(exogenous.shape)
+            message = (
+                f"exogenous inputs ({names}) should have shape {expected}, but have {found}"
+                if names
+                else f"the model has no exogenous inputs, but was given some of shape {found}; leave exogenous= out"
+            )
+            raise ModelError(message)
+        return exogenous.to(torch.float32)
 
     def join(self, frames: Float[Tensor, "sample ..."]) -> Float[Tensor, "sample input"]:
         """Return the inputs of a network from normalised frames, (B, H, n), oldest first, or (B, n) if H is 1."""
@@ -185,7 +224,7 @@ class FeatureSpec:
         check_lengths(transitions, self.history)
         observation, action = torch.from_numpy(transitions.observation), torch.from_numpy(transitions.action)
         rows = torch.from_numpy(window_rows(transitions, self.history))
-        frames = self._frames(observation, action)
+        frames = self._frames(observation, action, torch.from_numpy(transitions.exogenous))
         return Samples(
             x=frames[rows] if self.history == 1 else Windows(frames.contiguous(), rows, self._frame_weights),
             y=self.encode_target(observation[rows], torch.from_numpy(transitions.next_observation)[rows]),
@@ -247,7 +286,8 @@ class FeatureSpec:
         _check_angles(self.spaces, self.angles)
         action = self.spaces.action
         states = len(self.spaces.observation)
-        inputs = states + (action.count if isinstance(action, DiscreteAction) else len(action.dimensions))
+        actions = action.count if isinstance(action, DiscreteAction) else len(action.dimensions)
+        inputs = states + actions + len(self.spaces.exogenous)
         outputs = len(self.predicted)
         for name, expected in {
             "input_mean": inputs, "input_deviation": inputs, "scale": states, "target_mean": outputs
@@ -257,10 +297,15 @@ class FeatureSpec:
                 raise ValueError(message)
 
     def _frames(
-        self, observation: Float[Tensor, "*batch observation"], action: Tensor
+        self,
+        observation: Float[Tensor, "*batch observation"],
+        action: Tensor,
+        exogenous: Tensor | None,
     ) -> Float[Tensor, "*batch frame"]:
-        """Return states and actions as normalised inputs side by side."""
-        raw = torch.cat([observation.to(torch.float32), self._encode_action(action, observation.shape[:-1])], dim=-1)
+        """Return states, actions and exogenous inputs as normalised inputs side by side."""
+        batch = observation.shape[:-1]
+        given = (self._encode_action(action, batch), self.encode_exogenous(exogenous, batch))
+        raw = torch.cat([observation.to(torch.float32), *given], dim=-1)
         return (raw - torch.tensor(self.input_mean)) / torch.tensor(self.input_deviation)
 
     def _encode_action(self, action: Tensor, batch: tuple[int, ...]) -> Float[Tensor, "*batch action"]:
@@ -321,11 +366,14 @@ def fit_features(train: Transitions, params: FeatureParams) -> FeatureSpec:
     _check_angles(train.spec, angles)
     predicted = predicted_dimensions(train.spec, angles, params.velocity)
     observation, next_observation = train.observation.astype(np.float64), train.next_observation.astype(np.float64)
-    spread = _spread(train.spec, observation)
+    spread = _spread(train.spec.observation, observation)
     scale = np.where(spread > 0, spread, 1.0)
     action, action_scale = _action_columns(train)
-    inputs = np.concatenate([observation, action], axis=1)
-    floor = DEVIATION_FLOOR * np.concatenate([scale, action_scale])
+    exogenous = train.exogenous.astype(np.float64)
+    exogenous_spread = _spread(train.spec.exogenous, exogenous)
+    inputs = np.concatenate([observation, action, exogenous], axis=1)
+    exogenous_scale = np.where(exogenous_spread > 0, exogenous_spread, 1.0)
+    floor = DEVIATION_FLOOR * np.concatenate([scale, action_scale, exogenous_scale])
     targets = (next_observation - observation if params.target == "change" else next_observation) / scale
     targets = targets[:, predicted]
     return FeatureSpec(
@@ -344,12 +392,14 @@ def fit_features(train: Transitions, params: FeatureParams) -> FeatureSpec:
     )
 
 
-def _spread(spaces: SpaceSpec, observation: Float64[np.ndarray, "sample state"]) -> Float64[np.ndarray, " state"]:
+def _spread(
+    dimensions: tuple[Dimension, ...], values: Float64[np.ndarray, "sample dimension"]
+) -> Float64[np.ndarray, " dimension"]:
     """Return the range of each dimension: by its bounds, if they say something about the data."""
-    lowest, highest = observation.min(axis=0), observation.max(axis=0)
-    low, high = meant_bounds(spaces.observation, lowest, highest)
+    lowest, highest = values.min(axis=0), values.max(axis=0)
+    low, high = meant_bounds(dimensions, lowest, highest)
     bounded = np.isfinite([low, high]).all(axis=0)
-    spread: Float64[np.ndarray, " state"] = np.subtract(high, low, where=bounded, out=highest - lowest)
+    spread: Float64[np.ndarray, " dimension"] = np.subtract(high, low, where=bounded, out=highest - lowest)
     return spread
 
 

@@ -83,10 +83,10 @@ def _data_blocks(results: Results) -> tuple[Block, ...]:
     cells = listed([f"{percent(share, 0)} of {name}" for name, share in per_dimension.items()])
     plane = "" if coverage.plane is None else f" and {percent(coverage.plane, 0)} of the plane"
     learners = [name for name, segment in data.segments.items() if segment.behaviour == "dqn"]
+    whole = "state, action and exogenous inputs" if data.exogenous else "state and action"
     sentences = [
         f"{data.transitions:,} transitions were recorded. In a grid of {coverage.cells_per_dimension} cells per "
-        f"dimension they visit {cells}{plane}. {percent(data.duplicates.share)} of them repeat an earlier state and "
-        "action."
+        f"dimension they visit {cells}{plane}. {percent(data.duplicates.share)} of them repeat an earlier {whole}."
     ]
     for name in learners:
         share = data.segments[name].terminated_share_last_100
@@ -96,7 +96,12 @@ def _data_blocks(results: Results) -> tuple[Block, ...]:
                 "before the limit of time."
             )
     figure = curves.learner_returns(results.learner, learners)
-    return (Text((" ".join(sentences),)), tables.segment_table(data), *([figure] if figure else []))
+    return (
+        Text((" ".join(sentences),)),
+        tables.segment_table(data),
+        *([tables.exogenous_table(data)] if data.exogenous else []),
+        *([figure] if figure else []),
+    )
 
 
 def _table_blocks(results: Results, paper: PaperFigures | None) -> tuple[Block, ...]:

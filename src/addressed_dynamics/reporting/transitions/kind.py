@@ -51,5 +51,6 @@ def write(subject: Subject, target: Path) -> Written:
 def _input_example(arrays: Arrays, history: int) -> Float32[np.ndarray, "4 input"]:
     """Return inputs of `PortableDynamics` that show their form: test points, each in place of its whole history."""
     action = arrays.action.reshape(len(arrays.observation), -1)
-    frames = np.hstack([arrays.observation, action])[:4].astype(np.float32)
+    exogenous = [] if arrays.exogenous is None else [arrays.exogenous]
+    frames = np.hstack([arrays.observation, action, *exogenous])[:4].astype(np.float32)
     return np.tile(frames, (1, history))

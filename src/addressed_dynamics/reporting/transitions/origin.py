@@ -14,7 +14,12 @@ from addressed_dynamics.features.transitions.spec import FeatureSpec
 from addressed_dynamics.reporting.common.blocks import Facts
 from addressed_dynamics.reporting.common.numbers import listed
 from addressed_dynamics.reporting.common.settings import addressing_words, bins_words, optimiser_words, subnetwork_words
-from addressed_dynamics.reporting.transitions.settings import angle_sentence, frames_words, target_words
+from addressed_dynamics.reporting.transitions.settings import (
+    angle_sentence,
+    exogenous_words,
+    frames_words,
+    target_words,
+)
 
 
 @dataclass(frozen=True)
@@ -57,6 +62,8 @@ def run_facts(origin: Origin, delivered_seed: int) -> Facts:
         "Inputs": frames_words(features),
         "Subnetworks": f"{subnetwork_words(ensemble)}; they predict {target_words(features)}",
     }
+    if exogenous := exogenous_words(origin.features.spaces.exogenous):
+        facts["Exogenous inputs"] = exogenous
     if angles := angle_sentence(features):
         facts["Angles"] = angles
     facts |= {

@@ -65,6 +65,17 @@ class ImportResult(Record):
     totals: dict[str, int]
 
 
+class RangeResult(Record):
+    """Where the values of a dimension lie, in its unit."""
+
+    min: float
+    max: float
+    low: float | None
+    """Lower bound; None, like the next, for none."""
+    high: float | None
+    unit: str
+
+
 class DataResult(Record):
     """data.json."""
 
@@ -74,5 +85,7 @@ class DataResult(Record):
     coverage: Coverage
     duplicates: Duplicates
     quality: tuple[FindingResult, ...]
+    exogenous: dict[str, RangeResult] = Field(default_factory=dict)
+    """The exogenous inputs by name; none in most worlds."""
     imported: ImportResult | None = Field(default=None, alias="import")
     """None if the data was recorded by this project."""

@@ -55,6 +55,8 @@ class Arrays:
     """Group that each of them stands for: `no_wall` and `wall`, segments of the data, or `all`; text (rollout,)."""
     rollout_actions: np.ndarray | None = None
     """The actions of these rollouts: integers (rollout, step), or (rollout, step, d_act); None if they are unknown."""
+    exogenous: Float[np.ndarray, "sample exogenous"] | None = None
+    """Exogenous inputs during the steps of the test transitions, in their own units; None if there are none."""
     pair_profile: Float[np.ndarray, "2 sample"] | None = None
     """Losses of the test transitions under a small ensemble of two, for Fig. 2; None, like the next, without one."""
     pair_profile_untrained: Float[np.ndarray, "2 sample"] | None = None

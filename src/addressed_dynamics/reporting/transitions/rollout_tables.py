@@ -189,9 +189,10 @@ def _rollout_source(evaluation: Evaluation) -> str:
     parts = [f"{each.episodes:,} from {group_title(name)}" for name, each in groups.items() if name != "all"]
     segments = f", {listed(parts)}" if parts else ""
     stretches = f"{rollouts.all.episodes:,} stretches" if rollouts.all.episodes > 1 else "one stretch"
+    exogenous = f" and the exogenous inputs ({listed(list(source.exogenous))})" if source.exogenous else ""
     return (
         f" beside {stretches} of {source.steps:,} steps from held-out episodes{segments} (from the true first state of "
-        f"each, under the actions recorded there{_shorter(source)})"
+        f"each, under the actions{exogenous} recorded there{_shorter(source)})"
     )
 
 

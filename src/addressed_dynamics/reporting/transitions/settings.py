@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
+from addressed_dynamics.episodes.transitions import Dimension
 from addressed_dynamics.evaluation.transitions.records import Recipe
 from addressed_dynamics.reporting.common.numbers import listed
 from addressed_dynamics.reporting.common.settings import addressing_words, bins_words, optimiser_words, subnetwork_words
@@ -21,6 +22,16 @@ def frames_words(features: FeatureParams) -> str:
         return "one frame: a state with its action"
     older = "" if features.history_weight == 1 else f"; older frames weigh {features.history_weight:g} times the last"
     return f"{features.history} frames in a row, each a state with its action{older}"
+
+
+def exogenous_words(exogenous: Sequence[Dimension]) -> str:
+    """Return what becomes of exogenous inputs; empty if there are none."""
+    if not exogenous:
+        return ""
+    names = listed([dimension.name for dimension in exogenous])
+    return (
+        f"{names}: known, not predicted; every frame holds them beside the action, and rollouts replay those recorded"
+    )
 
 
 def angle_words(features: FeatureParams) -> str:

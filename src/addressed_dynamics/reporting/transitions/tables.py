@@ -57,6 +57,40 @@ def _scale(angles: AngleFigures, transitions: int) -> str:
     )
 
 
+def exogenous_table(data: DataResult) -> Table:
+    """Return the exogenous inputs, at least one, with their ranges."""
+    columns = (
+        Column("Input", numeric=False),
+        Column("unit", numeric=False),
+        Column("lowest"),
+        Column("highest"),
+        Column("bounds", numeric=False),
+        Column("role", numeric=False),
+    )
+    rows = [
+        Row(
+            (
+                name,
+                each.unit or MISSING,
+                f"{each.min:.4g}",
+                f"{each.max:.4g}",
+                f"{_bound(each.low)} to {_bound(each.high)}",
+                "exogenous: known, not predicted",
+            )
+        )
+        for name, each in data.exogenous.items()
+    ]
+    caption = (
+        "The exogenous inputs: what acts on the world and is known. A network is given their values beside the action "
+        "of the same step, and is never asked for them; rollouts replay those that were recorded."
+    )
+    return Table(caption, columns, tuple(rows))
+
+
+def _bound(bound: float | None) -> str:
+    return "none" if bound is None else f"{bound:.4g}"
+
+
 def paper_table(evaluation: Evaluation, paper: PaperFigures | None) -> Table:
     """Return the delivered model's Table 1, beside the paper's if there is one."""
     columns = (

@@ -54,7 +54,7 @@ class _LogSummary:
     ranges: Moments
     """Range of the observations, those after a step included."""
     sample: Sample
-    """Some of the observations and actions, to tell outliers by."""
+    """Some of the observations, actions and exogenous inputs, to tell outliers by."""
 
     @staticmethod
     def join(blocks: Sequence[_LogSummary]) -> _LogSummary:
@@ -296,7 +296,7 @@ def _figures_of(job: _Job, table: TransitionTable) -> _Figures:
         columns=column_names(transitions),
         train=Moments.of(column_values(table.only("train"))),
         occupancy=states.merge(Occupancy.of(transitions.next_observation, job.low, job.high)),
-        fingerprints=row_fingerprints(transitions.observation, transitions.action),
+        fingerprints=row_fingerprints(transitions.observation, transitions.action, transitions.exogenous),
         quality=Quality.of(transitions, log=job.log.name, fences=job.fences),
     )
 
@@ -312,13 +312,15 @@ def _statistics(episodes: Sequence[Episode], figures: Sequence[_Figures], record
 def _report(
     summaries: Sequence[_LogSummary], episodes: Sequence[Episode], ranges: Moments, figures: Sequence[_Figures]
 ) -> dict[str, Any]:
+    spec, found = summaries[0].spec, reduce(Quality.merge, [each.quality for each in figures]).ranges
     return data_report(
-        summaries[0].spec,
+        spec,
         episodes,
         {summary.segment: summary.behaviour for summary in summaries},
         ranges=[(float(low), float(high)) for low, high in zip(ranges.minimum, ranges.maximum, strict=True)],
         occupancy=reduce(Occupancy.merge, [each.occupancy for each in figures]),
         duplicates=count_duplicates(np.concatenate([each.fingerprints for each in figures])),
+        exogenous=[found[f"exogenous.{dimension.name}"] for dimension in spec.exogenous],
     )
 
 

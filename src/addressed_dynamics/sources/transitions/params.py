@@ -140,6 +140,16 @@ class ExperimentParams(Section):
             raise ValueError(message)
         return self
 
+    @model_validator(mode="after")
+    def _knows_exogenous_inputs_in_rollouts(self) -> ExperimentParams:
+        if self.source and self.source.exogenous and isinstance(self.evaluation.rollouts, EnvironmentRollouts):
+            message = (
+                "source.exogenous names inputs that no environment tells; set evaluation.rollouts to 'kind: recorded', "
+                "which replays them"
+            )
+            raise ValueError(message)
+        return self
+
 
 FORM = ExperimentParams
 """What the params file says of an experiment of this kind."""
