@@ -214,7 +214,7 @@ def test_a_folder_has_the_totals_of_its_files(tmp_path: Path) -> None:
     assert found.experience.lengths.tolist() == [2, 3, 4]
     assert found.to_json()["totals"]["experience"]["length"] == {"min": 2.0, "median": 3.0, "max": 4.0}
     console = Console(file=io.StringIO(), width=120)
-    console.print(folder_view(found, tmp_path))
+    console.print(folder_view(found, [tmp_path]))
     text = console.file.getvalue()  # type: ignore[attr-defined]
     assert "4, 1 of them with a problem" in text
     assert "d.mcap.partial: the file is empty" in text

@@ -5,7 +5,7 @@ A damaged file is shown as far as it is intact, with the first problem. One file
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import reduce
 from pathlib import Path
@@ -16,6 +16,7 @@ import numpy as np
 from addressed_dynamics.base.errors import LogError, TransitionsError
 from addressed_dynamics.episodes.experience import Experience
 from addressed_dynamics.episodes.transitions import Transitions
+from addressed_dynamics.importing.finding import SUFFIXES
 from addressed_dynamics.logs import RunInfo, read_log
 from addressed_dynamics.logs.container import Damage
 from addressed_dynamics.logs.decoding import episode_records, run_record, transition_columns
@@ -130,6 +131,16 @@ class Inspection:
                 "experience": self.experience.to_json() if self.experience else None,
             },
         }
+
+
+def is_of_logs(paths: Sequence[Path]) -> bool:
+    """Say whether MCAP files are meant: by their names, by what a folder holds, or because nothing else is there."""
+    return all(
+        bool([*path.rglob("*.mcap"), *path.rglob("*.mcap.partial")])
+        if path.is_dir()
+        else path.suffix.lower() not in (set(SUFFIXES) - {".mcap"})
+        for path in paths
+    )
 
 
 def log_files(path: Path) -> list[Path]:

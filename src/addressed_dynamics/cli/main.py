@@ -4,15 +4,19 @@ import json
 import sys
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
-from rich.console import Console
+from rich.console import Console, RenderableType
 
-from addressed_dynamics.base.errors import AddressedDynamicsError
-from addressed_dynamics.cli.inspection import Inspection, inspect_file, log_files
+from addressed_dynamics.base.errors import AddressedDynamicsError, ParamsError
+from addressed_dynamics.base.params.editing import add_experiment, remove_experiment
+from addressed_dynamics.cli.import_view import assessment_view, look_view, proposal_view
+from addressed_dynamics.cli.inspection import Inspection, inspect_file, is_of_logs, log_files
+from addressed_dynamics.cli.new import MAPPINGS, ask, section_text, try_import
 from addressed_dynamics.cli.params_view import params_lines
 from addressed_dynamics.cli.terminal import file_view, folder_view
+from addressed_dynamics.importing.proposing import Wishes
 from addressed_dynamics.logs import RecoveryReport, recover_log
 
 PIPE_WIDTH = 120
@@ -63,21 +67,84 @@ def recover(
         print(line)
 
 
+Paths = Annotated[list[Path], typer.Argument(metavar="PATH…", help="Logs or tables of any kind, or folders of them.")]
+Rate = Annotated[float | None, typer.Option(help="Steps in a second.")]
+Reward = Annotated[str | None, typer.Option(metavar="FIELD", help="The reward of a step.")]
+Ends = Annotated[str | None, typer.Option(metavar="FIELD|file|end|reset", help="Where episodes end.")]
+Fields = Annotated[list[str] | None, typer.Option(metavar="[NAME=]FIELD", help="Repeat it for several fields.")]
+
+
 @app.command()
 def inspect(
-    path: Annotated[Path, typer.Argument(metavar="FILE|FOLDER", help="An MCAP file of any kind, or a folder of them.")],
+    paths: Paths,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")] = False,
+    observation: Fields = None,
+    action: Fields = None,
+    exogenous: Fields = None,
+    reward: Reward = None,
+    rate: Rate = None,
+    episode: Ends = None,
 ) -> None:
-    """Show what is in logs; the exit status is 1 if one of them is damaged."""
-    inspection = Inspection(tuple(inspect_file(file) for file in log_files(path)))
+    """Show what is in logs and what can be imported of them; the exit status is 1 if one of them is damaged."""
+    wishes = _wishes(observation, action, exogenous, reward, rate, episode)
+    document, views, damaged = _inspected(paths, wishes)
     if as_json:
-        print(json.dumps(inspection.to_json() if path.is_dir() else inspection.files[0].to_json(), indent=2))
+        print(json.dumps(document, indent=2))
     else:
-        width = None if sys.stdout.isatty() else PIPE_WIDTH
-        view = folder_view(inspection, path) if path.is_dir() else file_view(inspection.files[0])
-        Console(width=width, highlight=False).print(view, crop=False)
-    if inspection.damaged:
+        console = _console()
+        for view in views:
+            console.print(view, crop=False)
+    if damaged:
         raise typer.Exit(1)
+
+
+@app.command()
+def new(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="What the experiment is called.")],
+    paths: Paths,
+    observation: Fields = None,
+    action: Fields = None,
+    exogenous: Fields = None,
+    reward: Reward = None,
+    rate: Rate = None,
+    episode: Ends = None,
+    yes: Annotated[bool, typer.Option("--yes", help="Ask nothing; take what is guessed.")] = False,
+    file: Annotated[Path, typer.Option("--params", help="The params file.")] = Path("params.yaml"),
+) -> None:
+    """Make an experiment of somebody's logs: look at them, write its section into the params file, say what is next."""
+    console = _console()
+    wishes = _wishes(observation, action, exogenous, reward, rate, episode)
+    trial = try_import(paths, wishes)
+    console.print(look_view(trial.look), crop=False)
+    if trial.proposal.unknown and not yes and sys.stdin.isatty():
+        wishes = ask(trial.look, trial.proposal, wishes, typer.prompt)
+        trial = try_import(paths, wishes)
+    if trial.assessment is None:
+        missing = " and ".join(f"--{unknown}" for unknown in trial.proposal.unknown)
+        message = f"{', '.join(map(str, paths))}: the files do not say it; give {missing}, with fields from this list"
+        raise ParamsError(message)
+    for view in (proposal_view(trial.proposal), assessment_view(trial.assessment)):
+        console.print(view, crop=False)
+    if not trial.assessment.transitions:
+        message = f"{', '.join(map(str, paths))}: no episode is worth training on; see the reasons above"
+        raise ParamsError(message)
+    if not yes and sys.stdin.isatty() and not typer.confirm(f"Write this to {file}?", default=True):
+        raise typer.Exit(1)
+    entries = {"experiments": f"{{kind: transitions, raw: data/raw/{name}}}", "imported": trial.found.dependency}
+    add_experiment(file, name, entries, section_text(name, trial))
+    print(f"{name} stands in {file}, for you to change; 'addressed-dynamics remove {name}' takes it out again")
+    print(f"next: dvc repro report@{name}")
+
+
+@app.command()
+def remove(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="An experiment that 'new' made.")],
+    yes: Annotated[bool, typer.Option("--yes", help="Also one that somebody wrote by hand.")] = False,
+    file: Annotated[Path, typer.Option("--params", help="The params file.")] = Path("params.yaml"),
+) -> None:
+    """Take an experiment out of the params file; its data and models stay where they are."""
+    remove_experiment(file, name, MAPPINGS, of_anybody=yes)
+    print(f"{name} is no longer in {file}; what was made for it is still in data")
 
 
 @app.command()
@@ -100,6 +167,40 @@ def ui(port: Annotated[int, typer.Option(min=1, max=65535, help="Port of the web
     from addressed_dynamics.tracking import serve_ui
 
     serve_ui(port)
+
+
+def _wishes(
+    observation: list[str] | None,
+    action: list[str] | None,
+    exogenous: list[str] | None,
+    reward: str | None,
+    rate: float | None,
+    episode: str | None,
+) -> Wishes:
+    fields = {"observation": observation, "action": action, "exogenous": exogenous}
+    return Wishes(**{role: tuple(wished or ()) for role, wished in fields.items()},
+                  reward=reward, rate_hz=rate, episode=episode)  # fmt: skip
+
+
+def _console() -> Console:
+    return Console(width=None if sys.stdout.isatty() else PIPE_WIDTH, highlight=False)
+
+
+def _inspected(paths: list[Path], wishes: Wishes) -> tuple[dict[str, Any], list[RenderableType], bool]:
+    """Return what there is as JSON-compatible values and for the terminal, and whether some of it is damaged."""
+    document, views = dict[str, Any](), list[RenderableType]()
+    path, logs = paths[0], is_of_logs(paths)
+    if logs:
+        inspection = Inspection(tuple(inspect_file(file) for path in paths for file in log_files(path)))
+        one = len(paths) == 1 and not path.is_dir()
+        document |= inspection.files[0].to_json() if one else inspection.to_json()
+        views.append(file_view(inspection.files[0]) if one else folder_view(inspection, paths))
+        if inspection.damaged or all(each.run is not None for each in inspection.files):
+            return document, views, bool(inspection.damaged)
+    trial = try_import(paths, wishes)
+    views += [look_view(trial.look), proposal_view(trial.proposal)]
+    views += [assessment_view(trial.assessment)] if trial.assessment else []
+    return document | {"import": trial.to_json()}, views, False
 
 
 def _recovered_path(source: Path) -> Path:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -24,13 +24,14 @@ def file_view(file: FileInspection) -> RenderableType:
     return Group(*_file_parts(file))
 
 
-def folder_view(inspection: Inspection, folder: Path) -> RenderableType:
-    """Return a line for each file in `folder`, and what all of them hold together."""
-    table = _table("File", size=True, messages=True, duration=True, transitions=True, episodes=True, state=False)
-    parts: list[RenderableType] = [_text(folder, style="bold"), table]
+def folder_view(inspection: Inspection, paths: Sequence[Path]) -> RenderableType:
+    """Return a line for each file in these folders, and what all of them hold together."""
+    table = column_table("File", size=True, messages=True, duration=True, transitions=True, episodes=True, state=False)
+    parts: list[RenderableType] = [safe_text(", ".join(map(str, paths)), style="bold"), table]
     for file in inspection.files:
-        name = file.path.relative_to(folder)
-        table.add_row(*map(_text, (name, *_summary(file))), style="red" if file.problem else "")
+        inside = len(paths) == 1 and file.path.is_relative_to(paths[0])
+        name = file.path.relative_to(paths[0]) if inside else file.path
+        table.add_row(*map(safe_text, (name, *_summary(file))), style="red" if file.problem else "")
         if file.problem:
             parts.append(_line(f"{name}: {file.problem.message}"))
     totals = {
@@ -40,14 +41,14 @@ def folder_view(inspection: Inspection, folder: Path) -> RenderableType:
     }
     if inspection.experience:
         totals |= _experience_facts(inspection.experience)
-        parts += [_facts(totals), _range_table(inspection.experience)]
+        parts += [fact_grid(totals), _range_table(inspection.experience)]
     else:
-        parts.append(_facts(totals))
+        parts.append(fact_grid(totals))
     return Group(*parts)
 
 
 def _file_parts(file: FileInspection) -> Iterator[RenderableType]:
-    yield _text(file.path, style="bold")
+    yield safe_text(file.path, style="bold")
     facts = {"Size": _size(file.size), "Library": file.library, "Profile": file.profile}
     facts["Chunks"] = ", ".join(f"{count:,} {name}" for name, count in file.compression.items())
     if file.start_ns is not None and file.end_ns is not None:
@@ -60,7 +61,7 @@ def _file_parts(file: FileInspection) -> Iterator[RenderableType]:
         facts["Git commit"] = file.run.git_commit
     if file.experience:
         facts |= _experience_facts(file.experience)
-    yield _facts(facts)
+    yield fact_grid(facts)
     if file.topics:
         yield _topic_table(file.topics)
     if file.experience and file.experience.ranges:
@@ -69,7 +70,8 @@ def _file_parts(file: FileInspection) -> Iterator[RenderableType]:
         yield _line(f"Problem: {file.problem.message}")
 
 
-def _table(first: str, **numeric: bool) -> Table:
+def column_table(first: str, **numeric: bool) -> Table:
+    """Return an empty table: its first column, and the others with whether they hold numbers."""
     table = Table(box=box.SIMPLE_HEAD, header_style="dim", pad_edge=False)
     table.add_column(first, overflow="fold", no_wrap=True)
     for name, is_number in numeric.items():
@@ -78,29 +80,30 @@ def _table(first: str, **numeric: bool) -> Table:
     return table
 
 
-def _facts(facts: dict[str, str]) -> Table:
+def fact_grid(facts: dict[str, str]) -> Table:
+    """Return a line for each fact that is not empty."""
     table = Table.grid(padding=(0, 2))
     table.add_column(style="dim", no_wrap=True)
     table.add_column(overflow="fold")
     for name, value in facts.items():
         if value:
-            table.add_row(name, _text(value))
+            table.add_row(name, safe_text(value))
     return table
 
 
 def _topic_table(topics: tuple[Topic, ...]) -> Table:
-    table = _table("Topic", schema=False, encoding=False, messages=True, rate=True, longest_gap=True)
+    table = column_table("Topic", schema=False, encoding=False, messages=True, rate=True, longest_gap=True)
     for topic in topics:
         rate = MISSING if topic.rate_hz is None else f"{topic.rate_hz:.4g} Hz"
         cells = (topic.schema or MISSING, topic.encoding or MISSING, f"{topic.messages:,}", rate)
-        table.add_row(*map(_text, (topic.name, *cells, _seconds(topic.longest_gap_seconds))))
+        table.add_row(*map(safe_text, (topic.name, *cells, _seconds(topic.longest_gap_seconds))))
     return table
 
 
 def _range_table(experience: Experience) -> Table:
-    table = _table("Dimension", lowest=True, highest=True, unit=False)
+    table = column_table("Dimension", lowest=True, highest=True, unit=False)
     for name, (low, high) in experience.ranges.items():
-        table.add_row(*map(_text, (name, f"{low:.6g}", f"{high:.6g}", experience.units.get(name, ""))))
+        table.add_row(*map(safe_text, (name, f"{low:.6g}", f"{high:.6g}", experience.units.get(name, ""))))
     return table
 
 
@@ -134,14 +137,15 @@ def _summary(file: FileInspection) -> tuple[str, ...]:
     return _size(file.size), f"{file.messages:,}", _seconds(_duration(file)), *learning, state
 
 
-def _text(value: object, style: str = "") -> Text:
+def safe_text(value: object, style: str = "") -> Text:
+    """Return a text in which nothing is a command to the terminal."""
     # Names in foreign files may hold anything, commands to the terminal included.
     return Text("".join(each if each.isprintable() else "?" for each in str(value)), style=style)
 
 
 def _line(problem: str) -> Text:
     # Left to the terminal to wrap, so that the command in it can be copied.
-    line = _text(problem, style="red")
+    line = safe_text(problem, style="red")
     line.no_wrap, line.overflow = True, "ignore"
     return line
 

@@ -37,8 +37,8 @@ class Arrays:
     """Finds elements in the arrays of one topic's messages.
 
     A place stands for the name that was there in the first message, and is followed where later ones have another
-    order; an array that is empty, or that lacks the name, has no value. Without names all arrays have to be as long as
-    the first.
+    order; an array that is empty, or that lacks the name, has no value. In a recording without names all arrays have to
+    be as long as the first.
 
     Args:
         topic: the topic.
@@ -48,6 +48,7 @@ class Arrays:
     def __init__(self, topic: str, agreement: Agreement) -> None:
         self._topic, self._agreement = topic, agreement
         self._forms = dict[Sequence[Step], Form]()
+        self._named = set[Sequence[Step]]()
         self._message, self._last_reordered = "", ""
         self.reordered = 0
         """Messages whose names stood in another order than in the first one."""
@@ -55,7 +56,8 @@ class Arrays:
     @property
     def names(self) -> dict[str, list[str]]:
         """The names that were followed, by the path of their array."""
-        return {f"{self._topic}{shown(steps)}": form.names for steps, form in self._forms.items() if form.names}
+        forms = {steps: form for steps, form in self._forms.items() if steps in self._named}
+        return {f"{self._topic}{shown(steps)}": form.names or [] for steps, form in forms.items()}
 
     def begin(self, message: str) -> None:
         """Say which message comes next, for errors."""
@@ -72,9 +74,11 @@ class Arrays:
             return None
         names = names_beside(containers, len(array))
         form = self._forms.get(steps) or self._new_form(steps, len(array), names)
-        if form.names is None and names is not None:
-            form.adopt(names)
-        if form.names is None:
+        if names is not None:
+            self._named.add(steps)
+            if form.names is None:
+                form.adopt(names)
+        if form.names is None or steps not in self._named:
             return self._by_place(form, len(array), step)
         if names is None:
             return None

@@ -65,7 +65,7 @@ def import_logs(source: SourceParams, folder: Path, *, name: str, progress: Call
     )
     counts: dict[str, dict[str, int]] = {}
     details: dict[str, dict[str, Any]] = {}
-    for index, (origin, samples) in enumerate(_read(source, signals)):
+    for index, (origin, samples) in enumerate(read_samples(source, signals)):
         episodes = find_episodes(samples.follows, source.min_length)
         outside = out_of_range(samples.values, signals.spec)
         counts[origin] = samples.counts | _counts(samples, episodes, sum(outside.values()))
@@ -83,7 +83,14 @@ def import_logs(source: SourceParams, folder: Path, *, name: str, progress: Call
     write_json(folder / ACCOUNT, {**_settings(source), "totals": totals, "files": counts, "details": details})
 
 
-def _read(source: SourceParams, signals: Signals) -> Iterator[tuple[str, Samples]]:
+def read_samples(source: SourceParams, signals: Signals) -> Iterator[tuple[str, Samples]]:
+    """Yield the samples of each recording, under the name of its first file.
+
+    Raises:
+        ParamsError: as in `import_logs`.
+        LogError: as in `import_logs`.
+        TableError: as in `import_logs`.
+    """
     agreement = Agreement()
     match source:
         case McapSource():

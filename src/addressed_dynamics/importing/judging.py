@@ -137,7 +137,7 @@ def judge_episodes(
                 file=file,
                 number=number,
                 start_s=_since_start(samples, int(start), step_seconds),
-                seconds=(stop - start - 1) * step_seconds,
+                seconds=float(stop - start - 1) * step_seconds,
                 samples=int(stop - start),
                 verdict="leave" if leave else "look" if look else "use",
                 reasons=tuple(leave or look),

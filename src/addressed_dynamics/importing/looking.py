@@ -16,6 +16,7 @@ from mcap.records import Channel
 
 from addressed_dynamics.importing.arrays import names_beside
 from addressed_dynamics.importing.decoding import ZSTANDARD, Decode, decoder_for, unpacked
+from addressed_dynamics.importing.finding import Found
 from addressed_dynamics.importing.paths import FieldPath, Label, Step, is_array, member, member_names
 from addressed_dynamics.importing.stamps import STAMPS, own_time
 from addressed_dynamics.importing.topics import message_runs
@@ -47,6 +48,8 @@ class Field:
     """Its unit, as far as its name says it."""
     rate_hz: float | None = None
     """Values a second; None if nothing says when they were recorded."""
+    late_s: float = 0.0
+    """The 99th percentile of the times between them, in seconds."""
     topic: str = ""
     """Its topic; empty in a table."""
     total: int = 0
@@ -55,7 +58,7 @@ class Field:
     @property
     def is_number(self) -> bool:
         """Whether it holds numbers, and no texts."""
-        return len(self.values) > 0 and not self.texts
+        return not self.texts and len(self.finite) > 0
 
     @property
     def range(self) -> tuple[float, float] | None:
@@ -101,6 +104,15 @@ class Look:
     """Topics that cannot be read, and why."""
     clock: dict[str, Any] | None = None
     """The key `clock` of a table that has a column with the time, or one that counts its rows."""
+
+
+def look_at(found: Found) -> Look:
+    """Look at all files of a kind.
+
+    Raises:
+        LogError: a file is damaged.
+    """
+    return look_at_logs(found.files)
 
 
 def look_at_logs(files: Sequence[Path]) -> Look:
@@ -164,12 +176,12 @@ class _Topic:
 
     def finished(self) -> Iterator[Field]:
         """Yield the fields that were found."""
-        rate = _rate(np.array(self._times))
+        rate, late_s = _periods(np.array(self._times))
         for steps, each in self._fields.items():
             names = self._names.get(steps[:-1])
             if names is not None and isinstance(steps[-1], int) and steps[-1] < len(names):
                 each.field = str(FieldPath(self.name, (*steps[:-1], Label(names[steps[-1]]))))
-            each.rate_hz, each.total, each.topic = rate, len(self._times), self.name
+            each.rate_hz, each.late_s, each.total, each.topic = rate, late_s, len(self._times), self.name
             yield each
 
     def stamps(self) -> Stamps | None:
@@ -248,7 +260,7 @@ _TIMES = frozenset(STAMPS)
 # A message's own time is looked at as a time.
 
 
-def _rate(times: Int64[np.ndarray, " message"]) -> float | None:
-    periods = np.diff(times)
-    periods = periods[periods > 0]
-    return 1e9 / float(np.median(periods)) if len(periods) else None
+def _periods(times: Int64[np.ndarray, " message"]) -> tuple[float | None, float]:
+    """Return the rate, in Hz, and the 99th percentile of the times between messages, in seconds."""
+    periods = np.diff(times)[np.diff(times) > 0] / 1e9
+    return (1 / float(np.median(periods)), float(np.quantile(periods, 0.99))) if len(periods) else (None, 0.0)

@@ -29,6 +29,8 @@ MOST_GUESSED = 24
 """More changing numbers than these are not all a state; which are is for the user to say."""
 MIN_LENGTH = 20
 """Samples that an episode needs."""
+RARE = 10.0
+"""Commands that come so many times as seldom as the state do not set the rate."""
 LATE = 1.5
 """Periods of a topic after which its newest value no longer holds."""
 
@@ -196,7 +198,9 @@ def _timing(
         return timing
     rate = timing.get("rate_hz", 1.0)
     if look.kind == "mcap":
-        timing["tolerance_s"] = _rounded(LATE / rate)
+        timing["tolerance_s"] = max(
+            [_age(each) for each in chosen["observation"].values()], default=_rounded(LATE / rate)
+        )
         topics = _topics([each for fields in chosen.values() for each in fields.values()], timing["tolerance_s"])
         timing |= {"topics": topics} if topics else {}
     elif look.clock is not None:
@@ -210,6 +214,8 @@ def _rate(chosen: Mapping[str, Mapping[str, Field]], wishes: Wishes, draft: _Dra
     if wishes.rate_hz is not None:
         return {"rate_hz": wishes.rate_hz}
     rates = [each.rate_hz for each in chosen["observation"].values() if each.rate_hz]
+    # A step is what follows a command, unless commands are rare.
+    rates += [each.rate_hz for each in chosen["action"].values() if each.rate_hz and each.rate_hz * RARE > max(rates)]
     if not rates:
         draft.unknown.append("rate")
         return {}
@@ -218,7 +224,7 @@ def _rate(chosen: Mapping[str, Mapping[str, Field]], wishes: Wishes, draft: _Dra
     rate = (
         float(round(slowest)) if slowest >= 1 and abs(slowest - round(slowest)) < 0.01 * slowest else _rounded(slowest)
     )
-    draft.guessed.append(f"rate: {rate:g} Hz, at which the slowest part of the state was logged")
+    draft.guessed.append(f"rate: {rate:g} Hz, at which the slowest of them was logged")
     return {"rate_hz": rate}
 
 
@@ -228,9 +234,14 @@ def _topics(fields: Sequence[Field], tolerance_s: float) -> dict[str, dict[str, 
     for each in fields:
         if each.total <= 2 or each.rate_hz is None:
             topics[each.topic] = {"hold": True}
-        elif LATE / each.rate_hz > tolerance_s * 1.01:
-            topics[each.topic] = {"tolerance_s": _rounded(LATE / each.rate_hz)}
+        elif _age(each) > tolerance_s:
+            topics[each.topic] = {"tolerance_s": _age(each)}
     return topics
+
+
+def _age(each: Field) -> float:
+    """Return how old the newest value of a field usually gets, in seconds."""
+    return _rounded(max(LATE / each.rate_hz, each.late_s)) if each.rate_hz else 0.0
 
 
 def _episode(look: Look, special: Mapping[str, str], wishes: Wishes, rate: float, draft: _Draft) -> dict[str, Any]:

@@ -1,0 +1,174 @@
+"""`addressed-dynamics new`: from somebody's files to an experiment that the pipeline runs."""
+
+from __future__ import annotations
+
+import io
+import json
+import textwrap
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from pydantic import TypeAdapter, ValidationError
+from ruamel.yaml import YAML
+
+from addressed_dynamics.base.errors import ParamsError
+from addressed_dynamics.base.params.source import SourceParams
+from addressed_dynamics.importing.assessing import Assessment, assess
+from addressed_dynamics.importing.finding import Found, find_logs
+from addressed_dynamics.importing.looking import Look, look_at
+from addressed_dynamics.importing.proposing import Proposal, Wishes, propose
+
+MAPPINGS = ("experiments", "recorded", "imported")
+"""Mappings at the top of a params file that name experiments."""
+SMALL = 50_000
+"""Fewer transitions than these are seen more often in training, by smaller networks."""
+
+_SOURCE: TypeAdapter[Any] = TypeAdapter(SourceParams)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What is known of some files before they are imported."""
+
+    found: Found
+    look: Look
+    proposal: Proposal
+    assessment: Assessment | None
+    """None as long as something has to be said first."""
+
+    def to_json(self) -> dict[str, Any]:
+        """Return everything as JSON-compatible values."""
+        return {
+            "kind": self.look.kind,
+            "files": list(self.found.patterns),
+            "fields": [
+                {"field": each.field, "values": each.total, "rate_hz": each.rate_hz, "unit": each.unit,
+                 "range": each.range, "texts": sorted(each.texts)}
+                for each in self.look.fields
+            ],
+            "stamps": [vars(stamp) for stamp in self.look.stamps],
+            "unread": self.look.unread,
+            "source": self.proposal.source,
+            "guessed": list(self.proposal.guessed),
+            "unknown": list(self.proposal.unknown),
+            "assessment": None if self.assessment is None else self.assessment.to_json(),
+        }  # fmt: skip
+
+
+def try_import(paths: list[Path], wishes: Wishes) -> Trial:
+    """Look at files, propose how to import them and, if nothing has to be said first, judge what would come out.
+
+    Raises:
+        LogError: there are no files, or one is damaged.
+        TableError: the same of tables.
+        ParamsError: a wish names what is not there.
+    """
+    found = find_logs(paths)
+    look = look_at(found)
+    proposal = propose(look, found.patterns, wishes)
+    assessment = None if proposal.unknown else assess(source_params(proposal.source))
+    return Trial(found, look, proposal, assessment)
+
+
+def source_params(source: Mapping[str, Any]) -> SourceParams:
+    """Check a section `source`.
+
+    Raises:
+        ParamsError: something in it is wrong.
+    """
+    try:
+        checked: SourceParams = _SOURCE.validate_json(json.dumps(source))
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        message = f"source.{'.'.join(map(str, first['loc'][1:]))}: {first['msg']}"
+        raise ParamsError(message) from error
+    return checked
+
+
+def ask(look: Look, proposal: Proposal, wishes: Wishes, answer: Callable[[str], str]) -> Wishes:
+    """Ask for what has to be said, field by field, and return the wishes with the answers.
+
+    Args:
+        look: what there is to choose from.
+        proposal: what is not known.
+        wishes: what was said before.
+        answer: shows a question and returns the answer.
+    """
+    listed = "\n".join(f"{number:3}  {each.field}" for number, each in enumerate(look.fields, start=1))
+    for unknown in proposal.unknown:
+        if unknown == "rate":
+            wishes = replace(wishes, rate_hz=_number(answer("Steps in a second (Hz)")))
+            continue
+        words = {"observation": "the state", "action": "the action"}[unknown]
+        text = answer(f"{listed}\nWhich of them are {words}? Numbers or names, with commas between")
+        fields = tuple(_field(look, each.strip()) for each in text.split(",") if each.strip())
+        is_state = unknown == "observation"
+        wishes = replace(wishes, observation=fields) if is_state else replace(wishes, action=fields)
+    return wishes
+
+
+def section_text(name: str, trial: Trial) -> str:
+    """Return the section of a new experiment, as YAML with what the files say beside each dimension."""
+    # As DVC's own writer has it, which then changes no more than what 'dvc exp run -S' asks for.
+    yaml, stream = YAML(), io.StringIO()
+    yaml.default_flow_style = False
+    yaml.dump(yaml.load("\n".join(_section_lines(name, trial)) + "\n"), stream)
+    return textwrap.indent(stream.getvalue(), "  ")
+
+
+def _section_lines(name: str, trial: Trial) -> Iterator[str]:
+    proposal = trial.proposal
+    yield f"title: {_scalar(name.replace('_', ' ').replace('-', ' ').capitalize())}"
+    yield from ("paper:", "recipe: default", "paper_recipe: {}", "source: # docs/source-keys.md has every key")
+    for line in proposal.guessed:
+        yield f"  # guessed {line}"
+    for key, value in proposal.source.items():
+        yield from _entry(key, value, "  ", proposal.notes)
+    transitions = 0 if trial.assessment is None else trial.assessment.transitions
+    yield from ("convert: {}", "features: {}")
+    if transitions < SMALL:
+        yield "ensemble: {hidden: 32-32, activation: tanh, epochs: 60, cluster_epochs: 10}"
+        yield "addressing: {hidden: 64-64, epochs: 30}"
+        yield "baselines: {addressing: {hidden: 64-64}}"
+    else:
+        yield from ("ensemble: {}", "addressing: {}", "baselines: {}")
+    yield "evaluation: {}"
+
+
+def _entry(key: str, value: Any, indent: str, notes: Mapping[str, str]) -> Iterator[str]:
+    """Yield a key: a mapping of scalars on one line, another one in a block."""
+    note = f" # {notes[key]}" if isinstance(value, dict) and notes.get(key) else ""
+    if isinstance(value, dict) and any(isinstance(each, dict | list) for each in value.values()):
+        yield f"{indent}{_scalar(key)}:"
+        for inner, each in value.items():
+            yield from _entry(inner, each, indent + "  ", notes)
+    elif isinstance(value, dict):
+        inside = ", ".join(f"{_scalar(inner)}: {_scalar(each)}" for inner, each in value.items())
+        yield f"{indent}{_scalar(key)}: {{{inside}}}{note}"
+    elif isinstance(value, list):
+        yield f"{indent}{_scalar(key)}:"
+        yield from (f"{indent}- {_scalar(each)}" for each in value)
+    else:
+        yield f"{indent}{_scalar(key)}:" + ("" if value is None else f" {_scalar(value)}")
+
+
+def _scalar(value: Any) -> str:
+    """Return a value as YAML; the quotes of a text go where the writer does not need them."""
+    return json.dumps(value) if not isinstance(value, str) else "'" + value.replace("'", "''") + "'"
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError as error:
+        message = f"'{text}' is not a number"
+        raise ParamsError(message) from error
+
+
+def _field(look: Look, text: str) -> str:
+    """Return the field of a number in the list that was shown, or what was written itself."""
+    if text.isdecimal() and 1 <= int(text) <= len(look.fields):
+        return look.fields[int(text) - 1].field
+    return text

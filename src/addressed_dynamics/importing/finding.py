@@ -1,0 +1,84 @@
+"""Which files somebody means: the logs of one kind in files and folders, and how `source` names them."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from addressed_dynamics.base.errors import LogError
+
+SUFFIXES = {".mcap": "mcap", ".csv": "csv", ".tsv": "csv", ".parquet": "parquet"}
+"""The kind of source that reads a file, by how its name ends."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """Files that one source reads."""
+
+    kind: str
+    """The kind of source."""
+    files: tuple[Path, ...]
+    patterns: tuple[str, ...]
+    """How `source` names them."""
+    dependency: str
+    """The file or folder that holds all of them, for DVC to watch."""
+
+
+def find_logs(paths: Sequence[Path]) -> Found:
+    """Find the logs in files and folders, which have to be of one kind.
+
+    Raises:
+        LogError: there is nothing, nothing that can be imported, or logs of several kinds.
+    """
+    for path in paths:
+        if not path.exists():
+            message = f"{path}: there is no such file or folder; give logs, tables or folders of them"
+            raise LogError(message)
+    inside = {path: _inside(path) for path in paths}
+    files = sorted({file for found in inside.values() for file in found})
+    kinds = Counter(SUFFIXES[file.suffix.lower()] for file in files)
+    where = ", ".join(map(str, paths))
+    if not kinds:
+        known = ", ".join(f"*{suffix}" for suffix in SUFFIXES)
+        message = f"{where}: expected logs or tables ({known}), but there are none; give another folder"
+        raise LogError(message)
+    if len(kinds) > 1:
+        counts = ", ".join(f"{count} of kind {kind}" for kind, count in kinds.items())
+        message = f"{where}: expected files of one kind, but there are {counts}; name the files or a folder of one kind"
+        raise LogError(message)
+    patterns = dict.fromkeys(pattern for path, found in inside.items() for pattern in _patterns(path, found))
+    return Found(next(iter(kinds)), tuple(files), tuple(patterns), _shown(_common(paths)))
+
+
+def _inside(path: Path) -> list[Path]:
+    if not path.is_dir():
+        return [path] if path.suffix.lower() in SUFFIXES else []
+    return [file for file in path.rglob("*") if file.suffix.lower() in SUFFIXES and file.is_file()]
+
+
+def _patterns(path: Path, files: Sequence[Path]) -> list[str]:
+    if not path.is_dir():
+        return [_shown(path)]
+    deep = any(file.parent != path for file in files)
+    suffixes = dict.fromkeys(file.suffix for file in files)
+    return [f"{_shown(path)}/{'**/' if deep else ''}*{suffix}" for suffix in suffixes]
+
+
+def _common(paths: Sequence[Path]) -> Path:
+    if len(paths) == 1:
+        return paths[0]
+    return Path(os.path.commonpath([_absolute(path if path.is_dir() else path.parent) for path in paths]))
+
+
+def _shown(path: Path) -> str:
+    """Return a path as a params file names it: relative to where the pipeline runs if it lies in there."""
+    absolute = _absolute(path)
+    return absolute.relative_to(Path.cwd()).as_posix() if absolute.is_relative_to(Path.cwd()) else absolute.as_posix()
+
+
+def _absolute(path: Path) -> Path:
+    """Return an absolute path; links in it stay, for somebody chose them."""
+    return Path(os.path.normpath(Path.cwd() / path))

@@ -1,0 +1,132 @@
+"""`inspect`, `new` and `remove`: from somebody's files to an experiment, and back."""
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from dvc_settings import apply_overrides
+from foreign_logs import json_log, states_and_commands
+from stage_dependencies import ROOT
+
+from addressed_dynamics.base.params.experiments import load_experiment
+from addressed_dynamics.cli import main as cli
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with the params file of the repository and somebody's logs; the commands run in it."""
+    (tmp_path / "params.yaml").write_bytes((ROOT / "params.yaml").read_bytes())
+    (tmp_path / "bags").mkdir()
+    for number in range(2):
+        log = json_log(states_and_commands(10.0, start=(100 + 1000 * number) * 10**9))
+        (tmp_path / "bags" / f"bag_{number}.mcap").write_bytes(log)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, *arguments: str) -> tuple[int, str, str]:
+    """Run the command line in this process: its exit status and what it wrote."""
+    monkeypatch.setattr(sys, "argv", ["addressed-dynamics", *arguments])
+    with pytest.raises(SystemExit) as caught:
+        cli.main()
+    out, err = capsys.readouterr()
+    return int(caught.value.code or 0), out, err
+
+
+def test_a_new_experiment_is_one_that_the_pipeline_reads_and_its_undo_leaves_nothing(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = (folder / "params.yaml").read_bytes()
+    status, out, err = run(capsys, monkeypatch, "new", "arm-2", "bags", "--yes")
+    assert (status, err) == (0, "")
+    assert out.splitlines()[-1] == "next: dvc repro report@arm-2"
+    params = load_experiment(folder / "params.yaml", "arm-2", "transitions")
+    assert params.source.files == ("bags/*.mcap",)
+    assert params.title == "Arm 2"
+    text = (folder / "params.yaml").read_text()
+    apply_overrides(folder / "params.yaml", ["arm-2.ensemble.epochs=5"])
+    changed = (folder / "params.yaml").read_text().splitlines()
+    assert len([line for line, old in zip(changed, text.splitlines(), strict=True) if line != old]) == 1
+    assert run(capsys, monkeypatch, "remove", "arm-2")[0] == 0
+    assert (folder / "params.yaml").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "what"),
+    [
+        (["new", "arm", "bags", "--action", "/cmd.speed"], "there is no field '/cmd.speed'"),
+        (["new", "acrobot", "bags", "--yes"], "there is a 'acrobot' in it already"),
+        (["new", "2arm", "bags", "--yes"], "cannot be the name of an experiment"),
+        (["new", "arm", "nowhere", "--yes"], "there is no such file or folder"),
+        (["new", "arm", "bags", "--yes", "--rate", "0.01"], "no episode is worth training on"),
+        (["new", "arm", "bags", "--yes", "--rate", "-1"], "source.rate_hz"),
+        (["remove", "acrobot"], "was not made by 'addressed-dynamics new'"),
+        (["inspect", "bags", "--rate", "5", "--observation", "/x.y"], "there is no field '/x.y'"),
+    ],
+)
+def test_what_cannot_be_done_is_one_line_and_leaves_the_params_as_they_were(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, arguments: list[str], what: str
+) -> None:
+    before = sorted((path, path.read_bytes()) for path in folder.rglob("*") if path.is_file())
+    status, _, err = run(capsys, monkeypatch, *arguments)
+    assert status == 1
+    assert err.startswith("error: ")
+    assert err.count("\n") == 1
+    assert what in err
+    assert sorted((path, path.read_bytes()) for path in folder.rglob("*") if path.is_file()) == before
+
+
+def test_an_interruption_while_it_writes_leaves_the_params_as_they_were(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = (folder / "params.yaml").read_bytes()
+
+    def interrupted(*_: Any, **__: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Path, "replace", interrupted)
+    run(capsys, monkeypatch, "new", "arm", "bags", "--yes")
+    monkeypatch.undo()
+    assert (folder / "params.yaml").read_bytes() == before
+    assert sorted(path.name for path in folder.iterdir()) == ["bags", "params.yaml"]
+
+
+def test_what_cannot_be_guessed_is_asked_for(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    messages = [(topic.replace("cmd", "out"), at, message) for topic, at, message in states_and_commands(10.0)]
+    (folder / "bags" / "bag_0.mcap").write_bytes(json_log(messages))
+    (folder / "bags" / "bag_1.mcap").unlink()
+    monkeypatch.setattr(sys.stdin, "isatty", lambda: True)
+    asked = list[str]()
+
+    def answer(question: str) -> str:
+        asked.append(question)
+        return "4"
+
+    monkeypatch.setattr(cli.typer, "prompt", answer)
+    monkeypatch.setattr(cli.typer, "confirm", lambda *_, **__: True)
+    status, _, _ = run(capsys, monkeypatch, "new", "arm", "bags")
+    assert status == 0
+    assert "  4  /out.torque" in asked[0]
+    action = load_experiment(folder / "params.yaml", "arm", "transitions").source.action
+    assert action.continuous["torque"].field == "/out.torque"
+    status, _, err = run(capsys, monkeypatch, "new", "arm2", "bags", "--yes")
+    assert "the files do not say it; give --action" in err
+
+
+@pytest.mark.usefixtures("folder")
+def test_inspect_shows_what_can_be_imported_and_what_it_is_good_for(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    status, out, _ = run(capsys, monkeypatch, "inspect", "bags")
+    assert status == 0
+    for word in ("bag_0.mcap", "/joint_states.position[0]", "12.5 Hz", "Guessed rate", "2 to use", "torque"):
+        assert word in out
+    status, out, _ = run(capsys, monkeypatch, "inspect", "bags", "--json", "--rate", "10")
+    found = json.loads(out)
+    assert found["totals"]["files"] == 2
+    assert found["import"]["source"]["rate_hz"] == 10
+    assert [each["verdict"] for each in found["import"]["assessment"]["episodes"]] == ["use", "use"]

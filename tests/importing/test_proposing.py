@@ -1,0 +1,175 @@
+"""What is found in logs that nobody described, and which section `source` is proposed for them."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from foreign_logs import SECOND, json_log, protobuf_log, ros2_log, states_and_commands
+
+from addressed_dynamics.base.errors import LogError, ParamsError
+from addressed_dynamics.cli.new import source_params
+from addressed_dynamics.importing import import_logs
+from addressed_dynamics.importing.assessing import assess
+from addressed_dynamics.importing.finding import find_logs
+from addressed_dynamics.importing.looking import MOST_VALUES, Look, look_at
+from addressed_dynamics.importing.proposing import Proposal, Wishes, propose
+from addressed_dynamics.sources.transitions.reading import read_transitions
+
+
+@pytest.fixture(autouse=True)
+def _in_the_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def looked(**files: bytes) -> Look:
+    for name, data in files.items():
+        Path(f"{name}.mcap").write_bytes(data)
+    return look_at(find_logs([Path()]))
+
+
+def proposed(look: Look, **wishes: Any) -> Proposal:
+    return propose(look, ["*.mcap"], Wishes(**wishes))
+
+
+def robot(seconds: int = 10) -> bytes:
+    """A robot that says more than its state: labels, counters, an image, a goal, and times of its own."""
+    messages: list[Any] = [("/goal", 1, {"x": 3.0})]
+    for i in range(seconds * 20):
+        at = SECOND + i * SECOND // 20
+        stamp = {"header": {"stamp": {"sec": 1, "nanosec": i * SECOND // 20 - SECOND // 100 if i else 0}}}
+        values = {
+            "name": ["elbow", "shoulder"],
+            "position": [i % 7, -i % 5],
+            "seq": i,
+            "mode": ["run", "walk"][i % 2],
+        }
+        messages.append(("/arm/state", at, {**stamp, **values, "image": [0] * 100, "fixed": 1.5}))
+        if i % 4 == 0:
+            messages.append(("/arm/cmd_torque", at + 1, {"data": i % 3}))
+    return json_log(messages)
+
+
+def test_fields_have_names_rates_ranges_and_texts() -> None:
+    look = looked(a=robot())
+    found = {each.field: each for each in look.fields}
+    assert list(found) == [
+        "/goal.x",
+        "/arm/state.position[elbow]",
+        "/arm/state.position[shoulder]",
+        "/arm/state.seq",
+        "/arm/state.mode",
+        "/arm/state.fixed",
+        "/arm/cmd_torque.data",
+    ]
+    elbow = found["/arm/state.position[elbow]"]
+    assert (elbow.range, elbow.total, elbow.constant) == ((0.0, 6.0), 200, False)
+    assert elbow.rate_hz == pytest.approx(20)
+    assert found["/arm/cmd_torque.data"].rate_hz == pytest.approx(5)
+    assert set(found["/arm/state.mode"].texts) == {"walk", "run"}
+    assert found["/arm/state.fixed"].constant
+    (stamps,) = look.stamps
+    assert stamps.topic == "/arm/state"
+    assert stamps.median_s == pytest.approx(0.01, abs=1e-6)
+
+
+def test_of_many_messages_some_are_looked_at_from_beginning_to_end() -> None:
+    count = 5 * MOST_VALUES
+    log = json_log([("/s", SECOND + i * SECOND // 100, {"x": i}) for i in range(count)])
+    (field,) = looked(a=log).fields
+    assert field.total == count
+    assert MOST_VALUES / 2 <= len(field.values) <= 2 * MOST_VALUES
+    assert field.range is not None
+    assert field.range[0] == 0
+    assert field.range[1] > 0.95 * count
+    assert field.rate_hz == pytest.approx(100)
+
+
+@pytest.mark.parametrize("write", [json_log, protobuf_log, ros2_log])
+def test_every_encoding_gives_the_same_fields(write: Any) -> None:
+    look = looked(a=write(states_and_commands()))
+    numbers = [each for each in look.fields if each.is_number]
+    assert [each.field for each in numbers] == [
+        "/joint_states.position[0]", "/joint_states.position[1]", "/cmd.torque",
+    ]  # fmt: skip
+
+
+def test_a_topic_that_cannot_be_read_does_not_keep_the_others_away() -> None:
+    messages = [*states_and_commands(), ("/broken", 200 * SECOND, b"{")]
+    look = looked(a=json_log(messages))
+    assert "/broken" in look.unread
+    assert len(look.fields) == 4
+
+
+def test_a_proposal_is_imported_as_it_is_with_what_was_guessed_said() -> None:
+    look = looked(a=robot())
+    proposal = proposed(look)
+    assert proposal.unknown == ()
+    assert set(proposal.source["observation"]) == {"elbow", "shoulder"}
+    assert proposal.source["action"] == {"continuous": {"cmd_torque": {"field": "/arm/cmd_torque.data"}}}
+    assert (proposal.source["rate_hz"], proposal.source["tolerance_s"]) == (5.0, 0.075)
+    assert proposal.source["topics"] == {"/arm/cmd_torque": {"tolerance_s": 0.3}}
+    assert [line.split(":")[0] for line in proposal.guessed] == ["action", "observation", "rate", "episodes"]
+    assert proposal.notes["elbow"] == "0 to 6, 20 Hz"
+    source = source_params(proposal.source)
+    import_logs(source, Path("out"), name="arm", progress=lambda _: None)
+    assert len(read_transitions(Path("out"))) == assess(source).transitions == 49
+
+
+def test_what_is_wished_for_is_taken_and_named() -> None:
+    look = looked(a=robot())
+    wishes = {"observation": ("q=/arm/state.position", "/arm/state.fixed"), "action": ("push=/arm/cmd_torque.data",)}
+    proposal = proposed(look, **wishes, exogenous=("/goal.x",), rate_hz=20.0, episode="reset")
+    assert list(proposal.source["observation"]) == ["q_0", "q_1", "fixed"]
+    assert list(proposal.source["action"]["continuous"]) == ["push"]
+    assert proposal.source["exogenous"] == {"goal_x": {"field": "/goal.x"}}
+    assert proposal.source["topics"]["/goal"] == {"hold": True}
+    assert (proposal.source["rate_hz"], proposal.source["episode"]) == (20.0, {"by": "reset"})
+    assert proposal.guessed == ()
+    assert source_params(proposal.source).rate_hz == 20.0
+
+
+def test_an_action_of_words_is_discrete() -> None:
+    messages = states_and_commands(2.0)
+    log = [(topic, at, {"command": "go" if i % 3 else "stop"} if topic == "/cmd" else message)
+           for i, (topic, at, message) in enumerate(messages)]  # fmt: skip
+    proposal = proposed(looked(a=json_log(log)))
+    assert proposal.source["action"] == {"discrete": {"field": "/cmd.command", "names": ["go", "stop"]}}
+
+
+def test_what_files_do_not_say_is_unknown() -> None:
+    log = json_log([("/s", SECOND + i, {f"x{k}": i * i * (k + 1) % 11 for k in range(30)}) for i in range(5)])
+    assert proposed(looked(a=log)).unknown == ("action", "observation", "rate")
+
+
+def test_a_wish_for_what_is_not_there_is_answered_with_what_is() -> None:
+    with pytest.raises(ParamsError, match=r"there is no field '/arm/state.velocity'; the fields are: /goal.x"):
+        proposed(looked(a=robot()), observation=("/arm/state.velocity",))
+
+
+def test_files_are_found_in_folders_and_named_with_patterns(tmp_path: Path) -> None:
+    for name in ("bags/a.mcap", "bags/deep/b.mcap", "flat/c.mcap", "flat/notes.txt", "tables/a.csv", "mixed/x.csv"):
+        (tmp_path / name).parent.mkdir(exist_ok=True, parents=True)
+        (tmp_path / name).write_bytes(b"")
+    (tmp_path / "mixed/y.parquet").write_bytes(b"")
+    found = find_logs([Path("bags")])
+    assert (found.kind, found.patterns, found.dependency) == ("mcap", ("bags/**/*.mcap",), "bags")
+    assert [file.name for file in found.files] == ["a.mcap", "b.mcap"]
+    assert find_logs([tmp_path / "flat"]).patterns == ("flat/*.mcap",)
+    both = find_logs([Path("bags/a.mcap"), Path("flat/c.mcap")])
+    assert (both.patterns, both.dependency) == (("bags/a.mcap", "flat/c.mcap"), ".")
+    assert find_logs([Path("tables")]).kind == "csv"
+    for paths, what in (
+        (["nowhere"], "there is no such file or folder"),
+        (["flat/notes.txt"], "expected logs or tables"),
+        (["mixed"], "expected files of one kind, but there are 1 of kind csv, 1 of kind parquet"),
+    ):
+        with pytest.raises(LogError, match=what):
+            find_logs([Path(each) for each in paths])
+
+
+def test_an_assessment_is_plain_json() -> None:
+    assessment = assess(source_params(proposed(looked(a=robot())).source))
+    found = json.loads(json.dumps(assessment.to_json()))
+    assert [each["verdict"] for each in found["episodes"]] == ["use"]
+    assert found["counts"]["messages"] == 250
