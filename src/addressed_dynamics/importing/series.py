@@ -60,6 +60,8 @@ class Turns:
 
     def __init__(self, tolerance_ns: int | None) -> None:
         self._tolerance_ns = tolerance_ns
+        self.active = tolerance_ns is not None
+        """Whether there may be more than one part."""
         self._latest: int | None = None
         self._part = 0
 
@@ -149,31 +151,37 @@ class TopicReader:
             for _, path, signal in self._wanted:
                 self._values.append(self._number(stamp, decoded, path, signal))
             self._time_ns.append(stamp)
-            self._parts.append(self._turns.part(stamp))
+            if self._turns.active:
+                self._parts.append(self._turns.part(stamp))
             self._in_file += 1
 
     def series(self) -> dict[int, TopicSeries]:
         """Return what was taken up, of which there is some, for each part of the recording that has some."""
-        time_ns, parts = np.array(self._time_ns, dtype=np.int64), np.array(self._parts, dtype=np.int64)
-        values = np.array(self._values, dtype=np.float64).reshape(len(time_ns), len(self._wanted))
+        # No copies: there may be many millions of messages.
+        time_ns, parts = np.frombuffer(self._time_ns, dtype=np.int64), np.frombuffer(self._parts, dtype=np.int64)
+        values = np.frombuffer(self._values, dtype=np.float64).reshape(len(time_ns), len(self._wanted))
         if self._clock == "header" and not time_ns.any():
             message = (
                 f"{self._where}: all messages of topic {self._topic} say that their time is 0, which nobody set; "
                 "give the topic another 'time' under 'topics'"
             )
             raise LogError(message)
+        if not self._turns.active:
+            return {0: self._series(time_ns, values)}
         return {int(part): self._series(time_ns[parts == part], values[parts == part]) for part in np.unique(parts)}
 
     def _series(
         self, time_ns: Int64[np.ndarray, " message"], values: Float64[np.ndarray, "message signal"]
     ) -> TopicSeries:
-        order = np.argsort(time_ns, kind="stable")
         behind = np.maximum.accumulate(time_ns) - time_ns
+        if behind.any():
+            order = np.argsort(time_ns, kind="stable")
+            time_ns, values = time_ns[order], values[order]
         return TopicSeries(
             topic=self._topic,
             signals=tuple(place for place, _, _ in self._wanted),
-            time_ns=time_ns[order],
-            values=values[order],
+            time_ns=time_ns,
+            values=values,
             backwards=int((behind > 0).sum()),
             farthest_back_ns=int(behind.max()),
         )
