@@ -1,7 +1,7 @@
 """Make a table of a real ride on a bicycle: 2 h 19 min at 1 Hz, recorded by a bicycle computer with a power meter.
 
-The ride comes with the package sweat 0.25.0 (MIT licence), which pip fetches; nothing of it is kept here. Where it went is
-dropped: what is left is how fast, how steep, how hard.
+The ride comes with the package sweat 0.25.0 (MIT licence), which pip fetches; nothing of it is kept here. Where it went
+is dropped: what is left is how fast, how steep, how hard.
 """
 
 import argparse
@@ -71,7 +71,6 @@ def main() -> None:
         writer = csv.DictWriter(file, fieldnames=list(table[0]), lineterminator="\n")
         writer.writeheader()
         writer.writerows(table)
-    print(f"{folder / 'ride.csv'}: {len(table):,} rows")
 
 
 if __name__ == "__main__":
