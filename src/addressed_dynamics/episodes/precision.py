@@ -34,12 +34,14 @@ def swallowed(values: Float64[np.ndarray, "sample dimension"], follows: Bool[np.
     """Count the steps that float32 swallows.
 
     Args:
-        values: samples in order, finite in float32.
+        values: samples in order; what is not finite is no step.
         follows: the sample is one step after the one before it.
     """
     inside = follows[1:]
     before, after = values[:-1][inside], values[1:][inside]
-    rounding = ROUNDING * np.spacing(np.maximum(np.abs(before), np.abs(after)))
-    changed = np.abs(after - before) > rounding
-    lost = changed & (before.astype(np.float32) == after.astype(np.float32))
+    with np.errstate(over="ignore", invalid="ignore"):
+        rounding = ROUNDING * np.spacing(np.maximum(np.abs(before), np.abs(after)))
+        changed = np.abs(after - before) > rounding
+        kept_before, kept_after = before.astype(np.float32), after.astype(np.float32)
+        lost = changed & np.isfinite(kept_after) & (kept_before == kept_after)
     return Swallowed(changed.sum(axis=0), lost.sum(axis=0))

@@ -68,7 +68,8 @@ def find_column(table: Table, signal: Signal, agreement: Agreement) -> polars.Se
     """
     name = longest_beginning(signal.field, table.names)
     if name is None:
-        listed = ", ".join(table.names[:MOST_LISTED]) or "none"
+        # A damaged header may have anything in its names.
+        listed = ", ".join(name if name.isprintable() else repr(name) for name in table.names[:MOST_LISTED]) or "none"
         more = f" and {len(table.names) - MOST_LISTED} more" if len(table.names) > MOST_LISTED else ""
         message = f"{table.where}: there is no column '{signal.field}'; its columns are: {listed}{more}{table.advice}"
         raise TableError(message)

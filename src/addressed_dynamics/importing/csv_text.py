@@ -34,7 +34,7 @@ def open_csv(path: Path, source: CsvSource) -> Table:
     for raw, name in zip(frame.columns, names, strict=True):
         original = raw.rpartition(_REPEATED)[0]
         if names.count(name) > 1 or (original and original in frame.columns):
-            message = f"{path}: two columns have the name '{_bare(original) or name}'; rename one in the first line"
+            message = f"{path}: two columns have the name {_bare(original) or name!r}; rename one in the first line"
             raise TableError(message)
     raw_names = dict(zip(names, frame.columns, strict=True))
     return Table(

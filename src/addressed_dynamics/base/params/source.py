@@ -257,6 +257,21 @@ class MinariSource(_Source):
         return self
 
 
+EXAMPLES = {
+    "mcap": "files: logs/*.mcap, observation: {q: {field: '/joints.position[0]', unit: rad}}, action: {continuous: "
+    "{u: {field: /command.data}}}, reward: null, rate_hz: 20.0, tolerance_s: 0.1, episode: {by: gap, seconds: 1.0}, "
+    "min_length: 20",
+    "csv": "files: runs/*.csv, observation: {q: {field: angle}}, action: {continuous: {u: {field: torque}}}, "
+    "reward: null, rate_hz: 20.0, clock: {column: t}, episode: {by: file}, min_length: 20",
+    "parquet": "files: runs/*.parquet, observation: {q: {field: 'state[0:2]'}}, action: {continuous: {u: {field: "
+    "'action[0]'}}}, reward: null, rate_hz: 20.0, episode: {by: column, column: episode}, min_length: 20",
+    "lerobot": "folder: data/so101, observation: {q: {field: 'observation.state[0:6]'}}, action: {continuous: "
+    "{u: {field: 'action[0:6]'}}}, reward: null, min_length: 20",
+    "minari": "dataset: D4RL/pen/human-v2, observation: {q: {field: 'observations[0:45]'}}, action: {continuous: {u: "
+    "{field: 'actions[0:24]'}}}, reward: rewards, rate_hz: 20.0, min_length: 20",
+}
+"""What a section of each kind may look like, for errors."""
+
 SourceParams = Annotated[
     McapSource | CsvSource | ParquetSource | LerobotSource | MinariSource, Field(discriminator="kind")
 ]
