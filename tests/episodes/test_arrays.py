@@ -61,6 +61,12 @@ def test_columns_of_one_data_frame_may_be_taken_from_it() -> None:
     assert transitions.terminated.tolist() == [False, True] * 2
 
 
+def test_exogenous_inputs_stand_beside_the_actions() -> None:
+    transitions = made(exogenous=pd.DataFrame({"wind": PUSH * 2.0}))
+    assert [each.name for each in transitions.spec.exogenous] == ["wind"]
+    assert transitions.exogenous[:, 0].tolist() == [0.0, 2.0, 0.0, 2.0]
+
+
 def test_lengths_or_ends_may_separate_episodes() -> None:
     by_length = made(episodes=None, lengths=[3, 3])
     by_end = made(episodes=None, truncated=[0, 0, 1, 0, 0, 0])
@@ -91,7 +97,7 @@ def test_every_episode_of_k_rows_has_k_minus_one_transitions(lengths: list[int])
             {"observations": pd.DataFrame(STATE, columns=["joint 1", "b"])},
             "joint 1, b; give observation_names",
         ),
-        ({"observation_names": ["a"]}, "the 2 dimensions of observations need as many different names"),
+        ({"observation_names": ["a"]}, "the 2 dimensions of observation need as many different names"),
         ({"observation_names": ["a", "a"]}, "different names"),
         ({"actions": PUSH[:5]}, "actions should be 6 numbers"),
         ({"actions": np.zeros((5, 1))}, "actions should have 6 rows"),

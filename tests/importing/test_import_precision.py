@@ -92,3 +92,19 @@ def test_what_is_lost_is_what_float32_makes_equal(values: list[float]) -> None:
     equal = (single[:-1] == single[1:])[:, 0]
     assert found.lost[0] == sum(bool(x and y) for x, y in zip(far, equal, strict=True))
     assert found.changed[0] == sum(far)
+
+
+def test_offsets_are_taken_off_their_own_columns_beside_a_discrete_action() -> None:
+    index = np.arange(40)
+    polars.DataFrame({"q": 7.0 + index, "u": index % 2, "w": 5e6 + index / 100}).write_csv("a.csv")
+    changes: dict[str, Any] = {"action": {"discrete": {"field": "u", "names": ["left", "right"]}}}
+    assert "float32 cannot hold 'exogenous.w' (field 'w')" in refusal(**changes, exogenous={"w": {"field": "w"}})
+    transitions = imported(
+        **changes,
+        observation={"q": {"field": "q", "offset": 7.0}},
+        exogenous={"w": {"field": "w", "offset": 5e6}},
+    )
+    np.testing.assert_allclose(transitions.exogenous[:, 0], index[:-1] / 100, atol=1e-6)
+    assert transitions.observation[:, 0].tolist() == index[:-1].tolist()
+    assert transitions.action.tolist() == (index[:-1] % 2).tolist()
+    assert account()["offsets"] == {"observation.q": 7.0, "exogenous.w": 5e6}

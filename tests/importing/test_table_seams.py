@@ -6,9 +6,13 @@ from typing import Any
 import numpy as np
 import polars
 import pytest
+from foreign_logs import json_log, save, source, states_and_commands
 from foreign_tables import account, imported, lengths, refusal
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
+from addressed_dynamics.importing import import_logs
+from addressed_dynamics.sources.transitions.reading import read_transitions
 
 BY_COLUMN: dict[str, Any] = {
     "kind": "parquet",
@@ -161,3 +165,18 @@ def test_files_cut_anywhere_give_the_transitions_of_the_whole(
         np.testing.assert_array_equal(cut.observation, whole.observation)
         np.testing.assert_array_equal(cut.next_observation, whole.next_observation)
         assert lengths(cut) == lengths(whole) == [9] * 4
+
+
+def test_a_field_of_a_message_may_say_where_an_episode_ends() -> None:
+    messages = [
+        (topic, time, message | {"done": time == 100_500_000_000} if topic == "/joint_states" else message)
+        for topic, time, message in states_and_commands()
+    ]
+    save(Path(), a=json_log(messages))
+    field = {"joint": {"field": "/joint_states.position[0:2]"}}
+    asked = source(observation=field, terminated="/joint_states.done", rate_hz=20.0)
+    import_logs(asked, Path("out"), name="arm", progress=lambda _: None)
+    transitions = read_transitions(Path("out"))
+    assert len(lengths(transitions)) == 2
+    assert np.flatnonzero(transitions.terminated).tolist() == [lengths(transitions)[0] - 1]
+    np.testing.assert_allclose(transitions.next_observation[transitions.terminated, 0], 0.5)

@@ -26,10 +26,12 @@ def transitions_from_arrays(
     lengths: ArrayLike | None = None,
     rewards: ArrayLike | None = None,
     next_observations: Any = None,
+    exogenous: Any = None,
     terminated: ArrayLike | None = None,
     truncated: ArrayLike | None = None,
     observation_names: Sequence[str] | None = None,
     action_names: Sequence[str] | None = None,
+    exogenous_names: Sequence[str] | None = None,
     discrete: bool | None = None,
 ) -> Transitions:
     """Make transitions of arrays with a row per step, as `Transitions.from_arrays` describes.
@@ -47,6 +49,8 @@ def transitions_from_arrays(
         raise TransitionsError(message)
     space, action = _action(actions, count, action_names, discrete)
     dimensions = _dimensions("observation", observation_names or names, state.shape[1])
+    inputs, input_names = (np.zeros((count, 0)), []) if exogenous is None else _matrix("exogenous", exogenous, count)
+    known = _dimensions("exogenous", exogenous_names or input_names, inputs.shape[1])
     ends = [_flags(name, each, count) for name, each in (("terminated", terminated), ("truncated", truncated))]
     labels = _labels(count, episodes, lengths, ends[0] | ends[1])
     last = np.append(labels[1:] != labels[:-1], True)
@@ -63,7 +67,7 @@ def transitions_from_arrays(
     first = np.append(True, labels[rows][1:] != labels[rows][:-1])[: len(rows)]
     step = np.arange(len(rows)) - np.maximum.accumulate(np.where(first, np.arange(len(rows)), 0))
     return Transitions(
-        spec=SpaceSpec(dimensions, space, 1.0 / rate_hz),
+        spec=SpaceSpec(dimensions, space, 1.0 / rate_hz, exogenous=known),
         episode=labels[rows],
         step=step.astype(np.int32),
         time_ns=np.rint(np.arange(len(rows)) * (1e9 / rate_hz)).astype(np.int64),
@@ -73,6 +77,7 @@ def transitions_from_arrays(
         next_observation=_single(after),
         terminated=ends[0][place],
         truncated=last[place] & ~ends[0][place],
+        exogenous=_single(inputs[rows]),
     )
 
 
@@ -126,7 +131,7 @@ def _dimensions(kind: str, names: Sequence[str], width: int) -> tuple[Dimension,
     bad = [name for name in names if not _NAME.fullmatch(name)]
     if bad or len(names) != width or len(set(names)) < width:
         message = (
-            f"the {width} dimensions of {kind}s need as many different names of letters, digits and underscores, but "
+            f"the {width} dimensions of {kind} need as many different names of letters, digits and underscores, but "
             f"they are {', '.join(names)}; give {kind}_names"
         )
         raise TransitionsError(message)

@@ -186,8 +186,9 @@ class Transitions:
             actions: the same; one column of integers, or of texts, is a discrete action.
             **options: `rate_hz`, steps in a second, is needed. `episodes`, an identifier for each row, or `lengths`,
                 the rows of each episode: without both, an episode ends where `terminated` or `truncated`, which stand
-                in its last row, are true. `rewards` and `next_observations` by row. `observation_names` and
-                `action_names`, in place of those of columns. `discrete`, if the actions do not show it.
+                in its last row, are true. `rewards`, `next_observations` and `exogenous` by row.
+                `observation_names`, `action_names` and `exogenous_names`, in place of those of columns. `discrete`,
+                if the actions do not show it.
 
         Raises:
             TransitionsError: the arrays do not make transitions; the message says which row or value is why.
