@@ -7,8 +7,11 @@ from typing import Any
 import numpy as np
 import polars
 import pytest
+from foreign_logs import source
 from foreign_tables import account, imported, lengths, refusal
 from lerobot_data import frames, write_v2, write_v3
+
+from addressed_dynamics.importing.assessing import assess
 
 LEROBOT: dict[str, Any] = {
     "kind": "lerobot",
@@ -123,3 +126,10 @@ def test_a_folder_that_is_no_dataset_is_refused() -> None:
     for file in Path("set/data/chunk-000").iterdir():
         file.unlink()
     assert "set: there is no data/chunk-*/*.parquet" in refusal(**LEROBOT)
+
+
+def test_a_dataset_can_be_judged_before_it_is_imported() -> None:
+    write_v3(Path("set"), frames())
+    assessed = assess(source(**LEROBOT | {"tolerance_s": ...}))
+    assert assessed.transitions == 36
+    assert assessed.counts["rows"] == 40
