@@ -269,3 +269,10 @@ def test_an_exogenous_input_may_hold_still_in_an_episode_but_not_in_the_whole_re
     assert findings(windy(np.repeat([1.0, 2.0], [30, 40]), [30, 40])) == []
     (found,) = findings(windy(np.full(70, 3.0), [30, 40]))
     assert (found.kind, found.dimension, found.blocking) == ("stuck", "exogenous.wind", False)
+
+
+def test_another_rate_than_the_given_one_is_a_finding_with_the_rate() -> None:
+    found = findings(smooth([30]), imported={"a.csv": {}, "b.csv": {"off_rate": 1}}, other_rates={"b.csv": 18.0})
+    assert [(each.kind, each.count, each.of, each.first) for each in found if each.kind == "off_rate"] == [
+        ("off_rate", 1, 2, Place("b.csv", value=18.0))
+    ]

@@ -14,7 +14,7 @@ from mcap.writer import CompressionType, Writer
 from mcap_ros2.writer import Writer as Ros2Writer
 from pydantic import TypeAdapter
 
-from addressed_dynamics.base.params.source import McapSource, MinariSource, SourceParams, TableSource
+from addressed_dynamics.base.params.source import SourceParams
 
 SECOND = 10**9
 ROS2 = {"/joint_states": ("arm/State", "float64[] position\nstring name"), "/cmd": ("arm/Command", "float32 torque")}
@@ -35,7 +35,7 @@ Timed = tuple[str, int, Any]
 """Topic, time in nanoseconds, and message."""
 
 
-def source(**changes: Any) -> McapSource | TableSource | MinariSource:
+def source(**changes: Any) -> SourceParams:
     """`SOURCE` with other values under some keys; `...` leaves a key out."""
     section = {key: value for key, value in (SOURCE | changes).items() if value is not ...}
     return TypeAdapter(SourceParams).validate_json(json.dumps(section))

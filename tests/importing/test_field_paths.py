@@ -12,7 +12,6 @@ from addressed_dynamics.importing.paths import (
     Label,
     MissingField,
     Step,
-    column_and_place,
     expand_slice,
     listed_fields,
     look_up,
@@ -63,11 +62,6 @@ def test_a_slice_is_each_of_its_places(first: int, count: int) -> None:
 def test_an_empty_slice_or_two_of_them_are_refused(text: str) -> None:
     with pytest.raises(ParamsError, match="should have one slice"):
         expand_slice(text)
-
-
-def test_a_column_may_have_a_place() -> None:
-    assert column_and_place("observation.state[3]") == ("observation.state", 3)
-    assert column_and_place("observation.state") == ("observation.state", None)
 
 
 def at_its_place(_steps: Any, _containers: Any, _array: Any, step: int | Label) -> int:

@@ -144,8 +144,8 @@ def test_episodes_of_several_files_never_share_a_number() -> None:
     ("changes", "what"),
     [
         ({"reward": "gain"}, "a.csv: there is no column 'gain'; its columns are: episode, angle, speed, push, reward"),
-        ({"reward": "push"}, "a.csv: row 0 of column 'push' cannot be used: 'right' is not a number"),
-        ({"reward": "angle[0]"}, "no arrays; leave out the '[0]'"),
+        ({"reward": "push"}, "a.csv: line 2, column 'push': 'right' is not a number"),
+        ({"reward": "angle[0]"}, "no arrays or parts, so 'angle[0]' cannot be used; leave out the '[0]'"),
         ({"action": {"discrete": {"field": "push", "names": ["left", "up"]}}}, "'right' is none of the actions 0..1"),
         ({"min_length": 5}, "expected episodes of at least 5 samples, but there is none (12 rows"),
         ({"kind": "parquet"}, "a.csv: the file cannot be read as parquet"),
@@ -157,9 +157,12 @@ def test_what_is_wrong_with_a_table_or_its_source_is_said_in_one_line(changes: d
     assert what in refusal(**changes)
 
 
-def test_rows_of_an_episode_that_do_not_stand_together_are_refused() -> None:
+def test_an_episode_that_comes_back_is_refused_with_its_lines_and_without_the_advice_to_sort() -> None:
     rows().sort("reward").write_csv("a.csv")
-    assert "sort the file by it" in refusal()
+    message = refusal()
+    assert "a.csv: line 6: a value of column 'episode' comes back after another one" in message
+    assert "(line 2)" in message
+    assert "sort" not in message
 
 
 @pytest.mark.parametrize("data", [b"", b"\xff\xfe\x00", b"angle\n1\n2,3,4\n", b"PAR1garbagePAR1"])

@@ -9,10 +9,12 @@ from typing import Any
 import pytest
 from example_params import EXAMPLE, write_params
 from foreign_logs import SOURCE, json_log, save, states_and_commands
+from ruamel.yaml import YAML
 
 from addressed_dynamics.base.errors import ParamsError
 from addressed_dynamics.base.params.experiments import load_experiment, load_record_params, load_source_params
 from addressed_dynamics.base.params.recording import RecordParams
+from addressed_dynamics.base.params.source import EXAMPLES
 from addressed_dynamics.sources.transitions.reading import read_transitions
 from pipeline import import_data, record
 from pipeline.stage import Call
@@ -35,6 +37,7 @@ def params_file(folder: Path, **sections: Any) -> Path:
         ("action.discrete", {"field": "/a.b", "names": ["x"]}, "either continuous or discrete; give one of the two"),
         ("rate_hz", 0.0, "car.source.rate_hz: input should be greater than 0"),
         ("episode", {"by": "gap"}, "car.source.episode.seconds: missing key"),
+        ("episode", {}, "car.source.episode: missing key 'by'"),
         ("episode", {"by": "column", "column": "c"}, "car.source.episode: input tag 'column'"),
         ("min_length", 1, "car.source.min_length: input should be greater than or equal to 2"),
         ("time", "wall", "car.source.time: input should be 'log', 'publish' or 'header'"),
@@ -113,3 +116,47 @@ def test_exogenous_inputs_cannot_be_asked_of_an_environment(tmp_path: Path) -> N
     recorded = {"rollouts": {"kind": "recorded"}}
     found = load_experiment(params_file(tmp_path, source=section, evaluation=recorded), "car", "transitions")
     assert list(found.source.exogenous) == ["wind"]
+
+
+def test_all_missing_keys_of_a_source_are_named_at_once_with_an_example_of_its_kind(tmp_path: Path) -> None:
+    section = {key: value for key, value in SOURCE.items() if key not in ("rate_hz", "min_length", "reward")}
+    with pytest.raises(ParamsError) as caught:
+        load_experiment(params_file(tmp_path, source=section | {"episode": {"by": "gap"}}), "car", "transitions")
+    assert (
+        "car.source: missing keys: reward, min_length, rate_hz, episode.seconds; for example {kind: mcap, files: "
+        in str(caught.value)
+    )
+
+
+@pytest.mark.parametrize("kind", EXAMPLES)
+def test_the_examples_of_sources_are_sources(tmp_path: Path, kind: str) -> None:
+    example = YAML(typ="safe", pure=True).load(f"{{kind: {kind}, {EXAMPLES[kind]}}}")
+    assert load_source_params(params_file(tmp_path, source=example), "car", "transitions").kind == kind
+
+
+@pytest.mark.parametrize(
+    ("changes", "what"),
+    [
+        (
+            {"clock": {"column": "t", "frame": "f"}},
+            "car.source.clock: a clock is a time or counts rows; give one of the",
+        ),
+        ({"clock": {}}, "car.source.clock: a clock is a time or counts rows"),
+        ({"separator": ",,"}, "car.source.separator: "),
+        ({"decimal": ","}, "car.source: separator and decimal are both ','"),
+        ({"episode": {"by": "end"}}, "car.source: episode: {by: end} needs a column"),
+    ],
+)
+def test_choices_of_tables_that_contradict_each_other_are_refused(
+    tmp_path: Path, changes: dict[str, Any], what: str
+) -> None:
+    section = YAML(typ="safe", pure=True).load(f"{{kind: csv, {EXAMPLES['csv']}}}") | changes
+    with pytest.raises(ParamsError) as caught:
+        load_experiment(params_file(tmp_path, source=section), "car", "transitions")
+    assert what in str(caught.value)
+
+
+def test_a_minari_dataset_knows_its_ends(tmp_path: Path) -> None:
+    section = YAML(typ="safe", pure=True).load(f"{{kind: minari, {EXAMPLES['minari']}}}") | {"terminated": "x"}
+    with pytest.raises(ParamsError, match="leave out terminated and truncated"):
+        load_experiment(params_file(tmp_path, source=section), "car", "transitions")

@@ -28,6 +28,7 @@ MEANINGS = {
     "duplicate": "transitions that repeat an earlier state and action",
     "coverage": "parts of its range without data",
     "non_finite": "readings that are not finite, dropped by the import",
+    "off_rate": "files whose rows come at another rate than the one that was given; the value is the rate in Hz",
 }
 """What each kind of finding counts, in the order of a report."""
 
@@ -73,6 +74,7 @@ def find(
     duplicates: Tally,
     occupancy: Occupancy,
     imported: Mapping[str, Mapping[str, int]],
+    other_rates: Mapping[str, float] | None = None,
 ) -> list[Finding]:
     """Return all findings, in the order of `MEANINGS` and of the dimensions.
 
@@ -82,6 +84,7 @@ def find(
         duplicates: transitions that are equal to an earlier one.
         occupancy: which cells of the state space hold data.
         imported: counters of the import by file; none if the data was not imported.
+        other_rates: measured rate of each imported file that has another one than the import was given, in Hz.
     """
     tallies = dict(quality.tallies)
     transitions = duplicates.of
@@ -103,6 +106,11 @@ def find(
         if tally.count
     ]
     findings += _non_finite(imported)
+    if other_rates:
+        name, rate = next(iter(other_rates.items()))
+        findings.append(
+            Finding("off_rate", "", len(other_rates), len(imported), Place(name, value=rate), blocking=False)
+        )
     order = list(MEANINGS)
     return sorted(findings, key=lambda finding: order.index(finding.kind))
 

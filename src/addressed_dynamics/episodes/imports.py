@@ -28,6 +28,18 @@ class ImportRecord(BaseModel):
             each["log"]: origin for origin, each in pairs if isinstance(each, dict) and isinstance(each.get("log"), str)
         }
 
+    @property
+    def other_rates(self) -> dict[str, float]:
+        """The measured rate of each file that has another one than the import was given, in Hz."""
+        details = (self.model_extra or {}).get("details")
+        details = details if isinstance(details, dict) else {}
+        rates = {
+            origin: details[origin].get("measured_hz")
+            for origin, counts in self.files.items()
+            if counts.get("off_rate") and isinstance(details.get(origin), dict)
+        }
+        return {origin: float(rate) for origin, rate in rates.items() if isinstance(rate, int | float)}
+
 
 def read_import_record(path: Path) -> ImportRecord | None:
     """Read the record at `path`; None if there is none, because the logs were recorded and not imported.

@@ -175,6 +175,29 @@ class Transitions:
             yield slice(int(start), int(stop))
 
     @staticmethod
+    def from_arrays(observations: Any, actions: Any, **options: Any) -> Transitions:
+        """Make transitions of NumPy arrays, or of pandas or Polars data frames, with a row per step.
+
+        K rows of an episode are K - 1 transitions, unless `next_observations` are given: the last row is only the state
+        after the step before it, and its action and reward are not used.
+
+        Args:
+            observations: an array (row, dimension), or a data frame whose columns name the dimensions.
+            actions: the same; one column of integers, or of texts, is a discrete action.
+            **options: `rate_hz`, steps in a second, is needed. `episodes`, an identifier for each row, or `lengths`,
+                the rows of each episode: without both, an episode ends where `terminated` or `truncated`, which stand
+                in its last row, are true. `rewards`, `next_observations` and `exogenous` by row.
+                `observation_names`, `action_names` and `exogenous_names`, in place of those of columns. `discrete`,
+                if the actions do not show it.
+
+        Raises:
+            TransitionsError: the arrays do not make transitions; the message says which row or value is why.
+        """
+        from addressed_dynamics.episodes.arrays import transitions_from_arrays
+
+        return transitions_from_arrays(observations, actions, **options)
+
+    @staticmethod
     def concatenate(parts: Sequence[Transitions]) -> Transitions:
         """Join transitions of the same spaces, in the given order.
 

@@ -1,4 +1,4 @@
-"""Bring your own logs: MCAP files, CSV and Parquet tables and Minari datasets become logs of transitions."""
+"""Bring your own logs: MCAP files, CSV and Parquet tables, LeRobot and Minari datasets become logs of transitions."""
 
 from addressed_dynamics.importing.importer import import_logs
 

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from addressed_dynamics.base.params.source import SourceParams
-from addressed_dynamics.importing.importer import read_samples
+from addressed_dynamics.importing.importer import read_samples, wanted_signals
 from addressed_dynamics.importing.judging import (
     Delay,
     EpisodeJudgement,
@@ -19,7 +19,6 @@ from addressed_dynamics.importing.judging import (
     stretches,
 )
 from addressed_dynamics.importing.samples import find_episodes
-from addressed_dynamics.importing.signals import signals_of
 
 MOST_SAMPLES = 200_000
 """Samples that delays and noise are judged on at most: those that come first."""
@@ -56,7 +55,7 @@ def assess(source: SourceParams) -> Assessment:
         LogError: as in `import_logs`; that there is no episode is no error here.
         TableError: as in `import_logs`.
     """
-    signals = signals_of(source)
+    signals = wanted_signals(source)
     step_seconds = signals.spec.step_seconds
     episodes, kept, counts, warnings = list[EpisodeJudgement](), list[Stretch](), dict[str, int](), list[str]()
     for origin, samples in read_samples(source, signals):

@@ -1,131 +1,179 @@
-"""Samples from columns: CSV, Parquet, or whatever else has a row per step."""
+"""From the columns of a table to numbers: parts of structures and arrays by their path, every refusal with its row."""
 
 from __future__ import annotations
 
-from pathlib import Path
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import polars
-from jaxtyping import Bool, Float64
+from jaxtyping import Float64
 
 from addressed_dynamics.base.errors import TableError
 from addressed_dynamics.importing.agreement import Agreement
 from addressed_dynamics.importing.decoding import reason
-from addressed_dynamics.importing.paths import column_and_place
-from addressed_dynamics.importing.samples import Samples, usable
-from addressed_dynamics.importing.signals import Signal, Signals
+from addressed_dynamics.importing.paths import MOST_LISTED
+from addressed_dynamics.importing.signals import Signal
+
+_PLACE = re.compile(r"\[(\d+)\]")
 
 
-def read_table_file(path: Path, kind: str, signals: Signals, agreement: Agreement) -> Samples:
-    """Read the table at `path`.
-
-    Rows with a value that is missing or not finite are dropped, and what follows one is another episode.
-
-    Args:
-        path: the file.
-        kind: `csv` or `parquet`.
-        signals: what to read.
-        agreement: what the files before this one looked like.
-
-    Raises:
-        TableError: the file is damaged, lacks a column or has one of another kind, or the rows of an episode do not
-            stand together.
-        LogError: it does not agree with the files before it.
-    """
-    table = _read(path, kind)
-    values = column_values(str(path), table, signals.all, agreement)
-    label = None if signals.label_column is None else values[:, signals.label_column]
-    breaks = np.zeros(len(values), dtype=np.bool_)
-    breaks[:1] = True
-    if label is not None:
-        breaks[1:] = label[1:] != label[:-1]
-        _check_together(path, signals, label[breaks])
-    return keep_usable(values, breaks, np.zeros(len(values), dtype=np.bool_))
+def typed_values(cells: polars.Series, signal: Signal) -> list[Any]:
+    """Return the values of cells that have a type; the signal does not matter."""
+    del signal
+    return cells.to_list()
 
 
-def column_values(
-    where: str, table: polars.DataFrame, signals: tuple[Signal, ...], agreement: Agreement
-) -> Float64[np.ndarray, "row signal"]:
+@dataclass(frozen=True)
+class Table:
+    """Columns by their names; nobody looks at those that are not asked for."""
+
+    where: str
+    """The file, for errors."""
+    names: tuple[str, ...]
+    """Names of the columns."""
+    length: int
+    """Number of rows."""
+    column: Callable[[str, Signal], polars.Series]
+    """Returns the column of a name, for a signal."""
+    row: Callable[[int], str]
+    """Says which row is at a place, from 0, as its owner would find it: `line 12`."""
+    values: Callable[[polars.Series, Signal], list[Any]] = typed_values
+    """Returns what cells stand for."""
+    advice: str = ""
+    """What to try if a column is missing."""
+
+
+def column_values(table: Table, signals: Sequence[Signal], agreement: Agreement) -> Float64[np.ndarray, "row signal"]:
     """Return the numbers of `signals`, NaN where there is none.
 
     Raises:
         TableError: there is no such column, or it holds no numbers.
         LogError: the arrays in a column are not as long as those before.
     """
-    columns = [_column(where, table, signal, agreement) for signal in signals]
-    return np.stack(columns, axis=1) if len(table) else np.zeros((0, len(signals)))
+    columns = [numbers_in(table, find_column(table, signal, agreement), signal) for signal in signals]
+    return np.stack(columns, axis=1) if columns else np.zeros((table.length, 0))
 
 
-def keep_usable(
-    values: Float64[np.ndarray, "row signal"], breaks: Bool[np.ndarray, " row"], terminated: Bool[np.ndarray, " row"]
-) -> Samples:
-    """Drop the rows with a value that is not finite, and count them.
+def find_column(table: Table, signal: Signal, agreement: Agreement) -> polars.Series:
+    """Return the column that the field of a signal names, or the part of one: `a`, `a.x`, `a[0][1]`, `a.x[2]`.
 
-    Args:
-        values: the signals of each row.
-        breaks: the row begins an episode.
-        terminated: as in `Samples`.
+    A column whose own name looks like a path wins; an array of one element is that element.
+
+    Raises:
+        TableError: there is no such column or part.
+        LogError: the arrays in a column are not as long as those before.
     """
-    kept = usable(values)
-    breaks = breaks.copy()
-    breaks[1:] |= ~kept[:-1]
-    counts = {"rows": len(values), "not_finite": int((~kept).sum())}
-    return Samples(values[kept], ~breaks[kept], terminated[kept], counts)
-
-
-def _read(path: Path, kind: str) -> polars.DataFrame:
-    try:
-        if kind == "csv":
-            return polars.read_csv(path, infer_schema_length=None)
-        return polars.read_parquet(path)
-    # Polars turns a panic of its readers into an exception that is no Exception.
-    except (Exception, polars.exceptions.PanicException) as error:
-        message = f"{path}: the file cannot be read as {kind} ({reason(error)}); write it again"
-        raise TableError(message) from error
-
-
-def _column(where: str, table: polars.DataFrame, signal: Signal, agreement: Agreement) -> Float64[np.ndarray, " row"]:
-    name, place = (signal.field, None) if signal.field in table.columns else column_and_place(signal.field)
-    if name not in table.columns:
-        message = f"{where}: there is no column '{name}'; its columns are: {', '.join(table.columns)}"
+    name = longest_beginning(signal.field, table.names)
+    if name is None:
+        # A damaged header may have anything in its names.
+        listed = ", ".join(name if name.isprintable() else repr(name) for name in table.names[:MOST_LISTED]) or "none"
+        more = f" and {len(table.names) - MOST_LISTED} more" if len(table.names) > MOST_LISTED else ""
+        message = f"{table.where}: there is no column '{signal.field}'; its columns are: {listed}{more}{table.advice}"
         raise TableError(message)
-    column = table[name]
-    if place is not None:
-        column = _element(where, column, place, agreement)
-    if signal.plain and column.dtype.is_numeric():
-        return column.cast(polars.Float64).to_numpy()
-    return np.array([_number(where, name, row, value, signal) for row, value in enumerate(column)], dtype=np.float64)
+    return _part(table, table.column(name, signal), name, signal.field, agreement)
 
 
-def _element(where: str, column: polars.Series, place: int, agreement: Agreement) -> polars.Series:
-    if isinstance(column.dtype, polars.Array):
-        column = column.arr.to_list()
-    if not isinstance(column.dtype, polars.List):
-        message = f"{where}: column '{column.name}' has {column.dtype} values, no arrays; leave out the '[{place}]'"
-        raise TableError(message)
+def longest_beginning(field: str, names: Sequence[str]) -> str | None:
+    """Return the longest of `names` that `field` is or begins with, before a dot or a bracket."""
+    fitting = [name for name in names if field.startswith(name) and field[len(name) :][:1] in ("", ".", "[")]
+    return max(fitting, key=len, default=None)
+
+
+def _part(table: Table, column: polars.Series, done: str, field: str, agreement: Agreement) -> polars.Series:
+    """Return what `field` names in `column`, which is what its beginning `done` names."""
+    rest = field[len(done) :]
+    place = _PLACE.match(rest)
+    if isinstance(column.dtype, polars.Struct):
+        name = longest_beginning(rest[1:], column.struct.fields) if rest.startswith(".") else None
+        if name is not None:
+            return _part(table, column.struct.field(name), f"{done}.{name}", field, agreement)
+    elif column.dtype.is_nested():
+        if place is not None:
+            element = _element(table, column, done, int(place[1]), agreement)
+            return _part(table, element, done + place[0], field, agreement)
+        if not rest and _longest(column) == 1:
+            return _part(table, _element(table, column, done, 0, agreement), field, field, agreement)
+    elif not rest:
+        return column
+    raise TableError(_no_number(table, column, done, field))
+
+
+def _no_number(table: Table, column: polars.Series, done: str, field: str) -> str:
+    parts = ", ".join(_forms(done, column))
+    match column.dtype:
+        case polars.Struct():
+            what, advice = "parts of its own", f"name one of them: {parts}"
+        case polars.List() | polars.Array():
+            what, advice = f"arrays of {_longest(column)}", f"name one of their elements: {parts}"
+        case dtype:
+            what, advice = f"{dtype} values, no arrays or parts", f"leave out the '{field[len(done) :]}'"
+    return f"{table.where}: column '{done}' has {what}, so '{field}' cannot be used; {advice}"
+
+
+def _element(table: Table, column: polars.Series, name: str, place: int, agreement: Agreement) -> polars.Series:
+    column = _lists(column)
+    # An array without elements is a missing value.
     for length in column.list.len().drop_nulls().unique().sort():
-        agreement.check(f"the length of the arrays in column '{column.name}'", length, where)
+        if not length:
+            continue
+        agreement.check(f"the length of the arrays in column '{name}'", length, table.where)
         if place >= length:
-            message = f"{where}: column '{column.name}' has arrays of {length}, so there is no [{place}]"
+            message = f"{table.where}: column '{name}' has arrays of {length}, so there is no [{place}]"
             raise TableError(message)
-    return column.list.get(place)
+    return column.list.get(place, null_on_oob=True)
 
 
-def _number(where: str, name: str, row: int, value: Any, signal: Signal) -> float:
-    try:
-        return signal.number(value)
-    except (TypeError, ValueError, OverflowError) as error:
-        message = f"{where}: row {row} of column '{name}' cannot be used: {reason(error)}"
-        raise TableError(message) from error
+def numbers_in(table: Table, column: polars.Series, signal: Signal) -> Float64[np.ndarray, " row"]:
+    """Return the numbers that `signal` makes of the cells of a column.
+
+    Raises:
+        TableError: a cell holds something else.
+    """
+    if signal.plain and (column.dtype.is_numeric() or column.dtype == polars.Boolean):
+        return column.cast(polars.Float64).to_numpy()
+    cells = column.unique(maintain_order=True)
+    numbers = []
+    for place, value in enumerate(table.values(cells, signal)):
+        try:
+            numbers.append(signal.number(value))
+        except (TypeError, ValueError, OverflowError) as error:
+            row = int(column.eq_missing(cells[place : place + 1]).arg_true()[0])
+            message = (
+                f"{table.where}: {table.row(row)}, column '{signal.field}': {_refusal(cells[place], signal, error)}"
+            )
+            raise TableError(message) from error
+    return column.replace_strict(cells, numbers, return_dtype=polars.Float64).to_numpy()
 
 
-def _check_together(path: Path, signals: Signals, labels: Float64[np.ndarray, " stretch"]) -> None:
-    found, counts = np.unique(labels[~np.isnan(labels)], return_counts=True)
-    apart = int((counts > 1).sum())
-    if apart and signals.label is not None:
-        message = (
-            f"{path}: the rows of {apart} of {len(found)} episodes do not stand together in column "
-            f"'{signals.label.field}'; sort the file by it"
-        )
-        raise TableError(message)
+def _refusal(cell: Any, signal: Signal, error: Exception) -> str:
+    if cell == signal.field:
+        return f"'{cell}' is the column's own name; take such lines out, or make a file of what follows each"
+    return f"{reason(error)}; correct it, or name another column"
+
+
+def _longest(column: polars.Series) -> int:
+    return max(_lists(column).list.len().drop_nulls().unique().to_list(), default=0)
+
+
+def _lists(column: polars.Series) -> polars.Series:
+    return column.arr.to_list() if isinstance(column.dtype, polars.Array) else column
+
+
+def _forms(name: str, column: polars.Series) -> Iterator[str]:
+    """Yield how the parts of a column can be named."""
+    match column.dtype:
+        case polars.Struct():
+            for field in column.struct.fields:
+                yield from _forms(f"{name}.{field}", column.struct.field(field))
+        case polars.List() | polars.Array():
+            length = _longest(column)
+            inner = _lists(column).list.get(0, null_on_oob=True)
+            if isinstance(inner.dtype, polars.List | polars.Array | polars.Struct):
+                yield from _forms(f"{name}[0]", inner)
+            else:
+                yield f"{name}[0:{length}]"
+        case _:
+            yield name

@@ -12,26 +12,32 @@ from addressed_dynamics.base.files import write_json
 from addressed_dynamics.base.params.source import (
     EpisodeByGap,
     EpisodePerFile,
+    LerobotSource,
     McapSource,
     MinariSource,
     SourceParams,
     TableSource,
 )
 from addressed_dynamics.importing.agreement import Agreement
-from addressed_dynamics.importing.columns import read_table_file
+from addressed_dynamics.importing.lerobot import read_info, read_lerobot
 from addressed_dynamics.importing.mcap_logs import read_mcap
 from addressed_dynamics.importing.minari_data import read_minari
 from addressed_dynamics.importing.paths import parse_path
+from addressed_dynamics.importing.precision import Precision
 from addressed_dynamics.importing.recordings import Recording, recordings
 from addressed_dynamics.importing.samples import (
     EPISODES_PER_FILE,
     Episodes,
     Samples,
+    dimension_columns,
     find_episodes,
     make_transitions,
     out_of_range,
+    with_ends,
+    without_offsets,
 )
 from addressed_dynamics.importing.signals import Signals, signals_of
+from addressed_dynamics.importing.tables import read_tables
 from addressed_dynamics.logs import RunInfo, write_log
 
 ACCOUNT = "import.json"
@@ -54,9 +60,10 @@ def import_logs(source: SourceParams, folder: Path, *, name: str, progress: Call
         SpaceError: a dimension has a name that a log cannot hold.
         LogError: there are no files, one is damaged or lacks what `source` names, they do not agree, or there is no
             episode in them.
-        TableError: the same of a table.
+        TableError: the same of a table; or float32 swallows most steps of a dimension.
     """
-    signals = signals_of(source)
+    signals = wanted_signals(source)
+    precision = Precision(signals)
     run = RunInfo(
         environment=name,
         segment=SEGMENT,
@@ -68,19 +75,35 @@ def import_logs(source: SourceParams, folder: Path, *, name: str, progress: Call
     for index, (origin, samples) in enumerate(read_samples(source, signals)):
         episodes = find_episodes(samples.follows, source.min_length)
         outside = out_of_range(samples.values, signals.spec)
+        lost = precision.look_at(samples, origin)
         counts[origin] = samples.counts | _counts(samples, episodes, sum(outside.values()))
         details[origin] = samples.details | {"out_of_range": outside, "log": None}
+        if lost:
+            counts[origin]["swallowed"] = sum(lost.values())
+            details[origin]["swallowed"] = lost
         if episodes.slices:
             transitions = make_transitions(samples, episodes, signals, index * EPISODES_PER_FILE)
             log = folder / f"{index:04d}-{Path(origin).stem}.mcap"
             write_log(log, transitions, run=run, topic=f"/{SEGMENT}")
             details[origin]["log"] = log.name
             progress(len(transitions))
-    totals = {name: sum(each[name] for each in counts.values()) for name in next(iter(counts.values()))}
+    names = dict.fromkeys(name for each in counts.values() for name in each)
+    totals = {name: sum(each.get(name, 0) for each in counts.values()) for name in names}
     if not totals["episodes"]:
-        message = _no_episodes(source, totals)
+        message = _no_episodes(source, _rate_hz(source, signals), totals, details)
         raise LogError(message)
-    write_json(folder / ACCOUNT, {**_settings(source), "totals": totals, "files": counts, "details": details})
+    precision.refuse_swallowed()
+    write_json(folder / ACCOUNT, {**_settings(source, signals), "totals": totals, "files": counts, "details": details})
+
+
+def wanted_signals(source: SourceParams) -> Signals:
+    """Return what `source` asks for, at the rate that it or its dataset names.
+
+    Raises:
+        ParamsError: as in `signals_of`.
+        TableError: the dataset does not say its rate, or another one than `source`.
+    """
+    return signals_of(source, read_info(source).fps if isinstance(source, LerobotSource) else None)
 
 
 def read_samples(source: SourceParams, signals: Signals) -> Iterator[tuple[str, Samples]]:
@@ -91,6 +114,11 @@ def read_samples(source: SourceParams, signals: Signals) -> Iterator[tuple[str, 
         LogError: as in `import_logs`.
         TableError: as in `import_logs`.
     """
+    for origin, samples in _read(source, signals):
+        yield origin, without_offsets(with_ends(samples, signals), signals)
+
+
+def _read(source: SourceParams, signals: Signals) -> Iterator[tuple[str, Samples]]:
     agreement = Agreement()
     match source:
         case McapSource():
@@ -98,8 +126,9 @@ def read_samples(source: SourceParams, signals: Signals) -> Iterator[tuple[str, 
             for files in _recordings(source):
                 yield files[0].as_posix(), read_mcap(files, source, signals, paths, agreement)
         case TableSource():
-            for file in _files(source.files):
-                yield file.as_posix(), read_table_file(file, source.kind, signals, agreement)
+            yield from read_tables(_files(source.files), source, signals, agreement)
+        case LerobotSource():
+            yield from read_lerobot(read_info(source), signals, agreement)
         case MinariSource():
             yield source.dataset, read_minari(source.dataset, signals, agreement)
 
@@ -139,15 +168,34 @@ def _counts(samples: Samples, episodes: Episodes, outside: int) -> dict[str, int
     }
 
 
-def _settings(source: SourceParams) -> dict[str, Any]:
-    settings = {"kind": source.kind, "rate_hz": source.rate_hz, "min_length": source.min_length}
-    return {**settings, "tolerance_s": source.tolerance_s} if isinstance(source, McapSource) else settings
+def _settings(source: SourceParams, signals: Signals) -> dict[str, Any]:
+    settings = {"kind": source.kind, "rate_hz": _rate_hz(source, signals), "min_length": source.min_length}
+    every = {each.name: signals.all[each.column].offset for each in dimension_columns(signals.spec)}
+    offsets = {name: offset for name, offset in every.items() if offset}
+    settings |= {"tolerance_s": source.tolerance_s} if isinstance(source, McapSource) else {}
+    return settings | ({"offsets": offsets} if offsets else {})
 
 
-def _no_episodes(source: SourceParams, totals: dict[str, int]) -> str:
-    where = source.dataset if isinstance(source, MinariSource) else ", ".join(source.files)
+def _rate_hz(source: SourceParams, signals: Signals) -> float:
+    # The inverse of the step may differ from what was written by rounding.
+    return source.rate_hz or float(f"{1.0 / signals.spec.step_seconds:.12g}")
+
+
+def _no_episodes(
+    source: SourceParams, rate_hz: float, totals: dict[str, int], details: dict[str, dict[str, Any]]
+) -> str:
+    match source:
+        case MinariSource():
+            where = source.dataset
+        case LerobotSource():
+            where = source.folder
+        case _:
+            where = ", ".join(source.files)
     found = ", ".join(f"{count} {name.replace('_', ' ')}" for name, count in totals.items())
-    return (
-        f"{where}: expected episodes of at least {source.min_length} samples, but there is none ({found}); "
-        "lower min_length, raise the tolerance, or see why samples are dropped"
-    )
+    advice = "lower min_length, raise the tolerance, or see why samples are dropped"
+    if not isinstance(source, McapSource):
+        advice = "lower min_length, or see why rows are dropped or do not follow each other"
+    measured = next((each["measured_hz"] for each in details.values() if "measured_hz" in each), None)
+    if measured is not None and totals.get("off_rate"):
+        advice = f"the rows come at {measured:g} Hz, but rate_hz is {rate_hz:g}; correct it, or {advice}"
+    return f"{where}: expected episodes of at least {source.min_length} samples, but there is none ({found}); {advice}"

@@ -11,17 +11,18 @@ import polars
 
 from addressed_dynamics.base.errors import TableError
 from addressed_dynamics.importing.agreement import Agreement
-from addressed_dynamics.importing.columns import column_values, keep_usable
+from addressed_dynamics.importing.columns import Table, column_values
 from addressed_dynamics.importing.decoding import reason
-from addressed_dynamics.importing.samples import Samples
+from addressed_dynamics.importing.samples import Samples, keep_usable
 from addressed_dynamics.importing.signals import Signals
 
 
 def read_minari(dataset: str, signals: Signals, agreement: Agreement) -> Samples:
     """Read all episodes of a dataset.
 
-    Its columns are `observations`, `actions` and `rewards`; the parts of an observation that is a dictionary are
-    `observations.part`. Vectors are taken apart by a place or a slice: `observations[0:4]`.
+    Its columns are `observations`, `actions` and `rewards`. The parts of what is a dictionary are `observations.part`,
+    those of what is a tuple `observations[0]`, however deep. Vectors are taken apart by a place or a slice:
+    `observations[0:4]`. Parts that nobody asks for do not matter.
 
     Args:
         dataset: identifier of a dataset on this machine, or its folder.
@@ -34,16 +35,24 @@ def read_minari(dataset: str, signals: Signals, agreement: Agreement) -> Samples
     """
     values, breaks, terminated = [], [], []
     for number, episode in enumerate(_episodes(dataset)):
-        where = f"{dataset}, episode {number}"
-        columns = _columns(episode)
-        length = len(next(iter(columns.values())))
-        values.append(column_values(where, _frame(where, columns), signals.all, agreement))
-        breaks.append(np.arange(length) == 0)
+        table = _table(f"{dataset}, episode {number}", _columns(episode), len(episode.terminations) + 1)
+        values.append(column_values(table, signals.all, agreement))
+        breaks.append(np.arange(table.length) == 0)
         terminated.append(np.append(False, np.asarray(episode.terminations, dtype=np.bool_)))
     if not values:
         message = f"{dataset}: expected episodes, but the dataset has none"
         raise TableError(message)
-    return keep_usable(np.concatenate(values), np.concatenate(breaks), np.concatenate(terminated))
+    return keep_usable(np.concatenate(values), np.concatenate(breaks), terminated=np.concatenate(terminated))
+
+
+def _table(where: str, parts: dict[str, Any], length: int) -> Table:
+    return Table(
+        where=where,
+        names=tuple(parts),
+        length=length,
+        column=lambda name, _: _series(where, name, parts[name], length),
+        row=lambda row: f"step {row}",
+    )
 
 
 def _episodes(dataset: str) -> Iterator[Any]:
@@ -65,25 +74,43 @@ def _episodes(dataset: str) -> Iterator[Any]:
         raise TableError(message) from error
 
 
-def _columns(episode: Any) -> dict[str, np.ndarray]:
-    """Return the arrays of an episode; an episode has one observation more than actions, whose place stays empty."""
-    observations = episode.observations
-    parts = {"observations": observations}
-    if isinstance(observations, dict):
-        parts = {f"observations.{name}": part for name, part in observations.items()}
-    columns = {name: np.asarray(part) for name, part in parts.items()}
-    for name in ("actions", "rewards"):
-        array = np.asarray(getattr(episode, name))
-        # The last sample's action and reward are never used, but they have to be something.
-        columns[name] = np.concatenate([array, array[-1:]])
-    return columns
+def _columns(episode: Any) -> dict[str, Any]:
+    """Return the arrays of an episode by their names; an episode has one observation more than actions.
+
+    The last place of actions and rewards is not used, but there has to be something, so it holds the one before.
+    """
+    return {
+        **dict(_parts("observations", episode.observations)),
+        **{name: _and_last(part) for name, part in _parts("actions", episode.actions)},
+        "rewards": _and_last(episode.rewards),
+    }
 
 
-def _frame(where: str, columns: dict[str, np.ndarray]) -> polars.DataFrame:
+def _parts(name: str, value: Any) -> Iterator[tuple[str, Any]]:
+    """Yield the arrays in nested dictionaries and tuples as `name.key` and `name[place]`."""
+    match value:
+        case dict():
+            for key, part in value.items():
+                yield from _parts(f"{name}.{key}", part)
+        case tuple():
+            for place, part in enumerate(value):
+                yield from _parts(f"{name}[{place}]", part)
+        case _:
+            yield name, value
+
+
+def _and_last(array: Any) -> Any:
+    return [*array, *array[-1:]] if isinstance(array, list) else np.concatenate([array, array[-1:]])
+
+
+def _series(where: str, name: str, part: Any, length: int) -> polars.Series:
     try:
-        return polars.DataFrame(
-            {name: array if array.ndim == 1 else array.reshape(len(array), -1) for name, array in columns.items()}
-        )
-    except Exception as error:  # arrays of different lengths, objects, tuples
-        message = f"{where}: its arrays do not make a table ({reason(error)}); only vectors and numbers can be read"
+        array = np.asarray(part)
+        series = polars.Series(name, array if array.ndim == 1 else array.reshape(len(array), -1))
+    except Exception as error:  # objects, vectors of different lengths
+        message = f"{where}: '{name}' is no column ({reason(error)}); only vectors and numbers can be read"
         raise TableError(message) from error
+    if len(series) != length:
+        message = f"{where}: '{name}' has {len(series)} values, but {length} were expected; download the dataset again"
+        raise TableError(message)
+    return series

@@ -42,7 +42,6 @@ _STEP = re.compile(
     re.VERBOSE,
 )
 _WORD = re.compile(r"[^\W\d][^\"\[\]]*")
-_PLACE = re.compile(r"(.+)\[(\d+)\]")
 _SLICE = re.compile(r"\[(\d+):(\d+)\]")
 
 
@@ -106,12 +105,6 @@ def expand_slice(text: str) -> list[tuple[int | None, str]]:
         raise ParamsError(message)
     before, after = text[: slices[0].start()], text[slices[0].end() :]
     return [(place, f"{before}[{place}]{after}") for place in range(first, last)]
-
-
-def column_and_place(field: str) -> tuple[str, int | None]:
-    """Split the name of a column from the place in its arrays: `state[2]` is (`state`, 2), `state` has no place."""
-    match = _PLACE.fullmatch(field)
-    return (field, None) if match is None else (match[1], int(match[2]))
 
 
 def look_up(

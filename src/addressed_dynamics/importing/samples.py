@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
-from addressed_dynamics.episodes.transitions import DiscreteAction, SpaceSpec, Transitions
+from addressed_dynamics.episodes.transitions import Dimension, DiscreteAction, SpaceSpec, Transitions
 from addressed_dynamics.importing.signals import Signals
 
 EPISODES_PER_FILE = 1_000_000
@@ -52,6 +52,50 @@ def usable(values: Float64[np.ndarray, "row signal"]) -> Bool[np.ndarray, " row"
     return np.asarray(finite.all(axis=1))
 
 
+def keep_usable(
+    values: Float64[np.ndarray, "row signal"],
+    breaks: Bool[np.ndarray, " row"],
+    *,
+    terminated: Bool[np.ndarray, " row"] | None = None,
+    unusable: Bool[np.ndarray, " row"] | None = None,
+) -> Samples:
+    """Drop the rows with a value that is not finite, and count them.
+
+    Args:
+        values: the signals of each row.
+        breaks: the row begins an episode.
+        terminated: as in `Samples`; nowhere if it is not given.
+        unusable: rows that are dropped and counted whatever their values are.
+    """
+    kept = usable(values)
+    if unusable is not None:
+        kept &= ~unusable
+    breaks = breaks.copy()
+    breaks[1:] |= ~kept[:-1]
+    ends = np.zeros(len(values), dtype=np.bool_) if terminated is None else terminated
+    counts = {"rows": len(values), "not_finite": int((~kept).sum())}
+    return Samples(values[kept], ~breaks[kept], ends[kept], counts)
+
+
+def with_ends(samples: Samples, signals: Signals) -> Samples:
+    """Let episodes end where `terminated` or `truncated` is not 0; what follows is another episode."""
+    columns = [each for each in (signals.terminated_column, signals.truncated_column) if each is not None]
+    if not columns:
+        return samples
+    last = (samples.values[:, columns] != 0).any(axis=1)
+    follows = samples.follows.copy()
+    follows[1:] &= ~last[:-1]
+    terminated = samples.terminated.copy()
+    if signals.terminated_column is not None:
+        terminated |= samples.values[:, signals.terminated_column] != 0
+    return replace(samples, follows=follows, terminated=terminated)
+
+
+def without_offsets(samples: Samples, signals: Signals) -> Samples:
+    """Take off each dimension what the params take off it."""
+    return replace(samples, values=samples.values - signals.offsets) if signals.offsets.any() else samples
+
+
 def find_episodes(follows: Bool[np.ndarray, " sample"], min_length: int) -> Episodes:
     """Cut samples into episodes, and drop those with fewer than `min_length` samples."""
     starts = np.flatnonzero(~follows)
@@ -67,19 +111,39 @@ def find_episodes(follows: Bool[np.ndarray, " sample"], min_length: int) -> Epis
 
 def out_of_range(values: Float64[np.ndarray, "sample signal"], spec: SpaceSpec) -> dict[str, int]:
     """Count the samples outside the bounds of each dimension but the number of a discrete action; zeros left out."""
-    # That number has a column too, without bounds.
-    action = (None,) if isinstance(spec.action, DiscreteAction) else spec.action.dimensions
-    dimensions = [
+    counts = {
+        each.name: int(((column < each.dimension.low) | (column > each.dimension.high)).sum())
+        for each, column in ((each, values[:, each.column]) for each in dimension_columns(spec))
+    }
+    return {name: count for name, count in counts.items() if count}
+
+
+@dataclass(frozen=True)
+class DimensionColumn:
+    """Where a dimension stands in `Samples.values`."""
+
+    name: str
+    """Its name with its role: `observation.angle`."""
+    dimension: Dimension
+    column: int
+
+
+def dimension_columns(spec: SpaceSpec) -> list[DimensionColumn]:
+    """Return the dimensions of observation, continuous action and exogenous inputs, and their columns."""
+    # The number of a discrete action has a column, too.
+    action: tuple[Dimension | None, ...] = (None,)
+    if not isinstance(spec.action, DiscreteAction):
+        action = spec.action.dimensions
+    columns = [
         *(("observation", each) for each in spec.observation),
         *(("action", each) for each in action),
         *(("exogenous", each) for each in spec.exogenous),
     ]
-    counts = {
-        f"{role}.{each.name}": int(((column < each.low) | (column > each.high)).sum())
-        for (role, each), column in zip(dimensions, values.T, strict=False)
+    return [
+        DimensionColumn(f"{role}.{each.name}", each, column)
+        for column, (role, each) in enumerate(columns)
         if each is not None
-    }
-    return {name: count for name, count in counts.items() if count}
+    ]
 
 
 def make_transitions(samples: Samples, episodes: Episodes, signals: Signals, first_episode: int) -> Transitions:

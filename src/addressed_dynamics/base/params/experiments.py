@@ -16,7 +16,7 @@ from ruamel.yaml.error import YAMLError
 from addressed_dynamics.base.errors import ParamsError
 from addressed_dynamics.base.kinds import supplied
 from addressed_dynamics.base.params.sections import CHOOSERS, merged
-from addressed_dynamics.base.params.source import SourceParams
+from addressed_dynamics.base.params.source import EXAMPLES, SourceParams
 from addressed_dynamics.base.params.training import AddressingTraining
 
 _FORMS = {"int", "tuple[float, ...]"}
@@ -213,12 +213,17 @@ def _read_yaml(path: Path) -> dict[str, Any]:
 def _one_line(path: Path, experiment: str, section: Any, error: ValidationError) -> str:
     problems = error.errors()
     first = problems[0]
+    if first["type"] == "missing" and first["loc"][0] == "source":
+        missing = [each["loc"] for each in problems if each["type"] == "missing" and each["loc"][0] == "source"]
+        return _missing_in_source(path, experiment, section, missing)
     where = ".".join([experiment, *_key_path(first["loc"], section)])
     match first["type"]:
         case "extra_forbidden":
             what = "unknown key; check its spelling, or remove it"
         case "missing":
             what = "missing key"
+        case "union_tag_not_found":
+            what = f"missing key {first['ctx']['discriminator']}, which says what the others mean"
         case "value_error":
             what = first["msg"].removeprefix("Value error, ")
         case "tuple_type":
@@ -227,6 +232,15 @@ def _one_line(path: Path, experiment: str, section: Any, error: ValidationError)
             what = f"{first['msg'][0].lower()}{first['msg'][1:]}, but it is {reprlib.repr(first['input'])}"
     more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
     return f"{path}: {where}: {what}{more}"
+
+
+def _missing_in_source(path: Path, experiment: str, section: Any, missing: list[tuple[int | str, ...]]) -> str:
+    """Name all keys that a source lacks, with an example of its kind."""
+    names = [".".join(_key_path(location, section)[1:]) for location in missing]
+    kind = section["source"]["kind"]
+    what = f"{names[0]}: missing key" if len(names) == 1 else f"missing keys: {', '.join(names)}"
+    joint = "." if len(names) == 1 else ": "
+    return f"{path}: {experiment}.source{joint}{what}; for example {{kind: {kind}, {EXAMPLES[kind]}}}"
 
 
 def _key_path(location: tuple[int | str, ...], section: Any) -> list[str]:

@@ -26,6 +26,8 @@ class FieldParams(Section):
     field: Text
     """`/topic.field.sub[0]` in an MCAP log, the name of a column in a table; `[0:6]` takes six elements of an array."""
     unit: str = ""
+    offset: float = 0.0
+    """Taken off every value, and off low and high, before the value becomes a float32, which has only seven digits."""
     low: float | None = None
     """Lowest possible value; null if unbounded."""
     high: float | None = None
@@ -33,7 +35,7 @@ class FieldParams(Section):
 
 
 class DiscreteParams(Section):
-    """Actions that are numbers, from 0, or one of some names."""
+    """Actions that are numbers, from 0, or names; numbers are names where a name is the text of a number."""
 
     field: Text
     names: Annotated[tuple[Text, ...], Field(min_length=1)]
@@ -83,7 +85,33 @@ class EpisodeByColumn(Section):
     column: Text
 
 
-class _Source(Section):
+class EpisodeByEnd(Section):
+    """An episode ends where `terminated` or `truncated` says so, and goes on in the next file if the clock does."""
+
+    by: Literal["end"]
+
+
+class ClockParams(Section):
+    """The column that says when a row was recorded: a step that is not one period begins another episode."""
+
+    column: Text | None = None
+    """Column of the time: numbers, or dates in a Parquet table."""
+    unit: Literal["s", "ms", "us", "ns"] = "s"
+    """Unit of the time, if it is a number."""
+    tolerance: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.5
+    """Share of a period by which a step may be longer or shorter."""
+    frame: Text | None = None
+    """Column that counts the rows, in place of a time: a step that is not one begins another episode."""
+
+    @model_validator(mode="after")
+    def _is_time_or_frame(self) -> ClockParams:
+        if (self.column is None) == (self.frame is None):
+            message = "a clock is a time or counts rows; give one of the two keys column and frame"
+            raise ValueError(message)
+        return self
+
+
+class _Fields(Section):
     observation: Annotated[dict[Name, FieldParams], Field(min_length=1)]
     """The dimensions of an observation, in order."""
     action: ActionParams
@@ -92,10 +120,17 @@ class _Source(Section):
     of the action, the value at the beginning of a step counts for it."""
     reward: str | None
     """Field of the reward; null if there is none, which makes it 0."""
-    rate_hz: Positive
-    """Steps in a second."""
     min_length: Annotated[int, Field(ge=2)]
     """Episodes with fewer samples are dropped; K samples make K - 1 transitions."""
+    terminated: Text | None = None
+    """Field that is true, or not 0, in the last sample of an episode that ends for a reason inside the task."""
+    truncated: Text | None = None
+    """Field that is true, or not 0, in the last sample of an episode that ends for another reason."""
+
+
+class _Source(_Fields):
+    rate_hz: Positive
+    """Steps in a second."""
 
 
 class EpisodeByReset(Section):
@@ -156,10 +191,55 @@ class McapSource(_Source):
 class TableSource(_Source):
     """Tables with a row per step."""
 
-    kind: Literal["csv", "parquet"]
     files: Files
     """Patterns of file names, relative to the folder that the stage runs in; one, or a list."""
-    episode: Annotated[EpisodePerFile | EpisodeByColumn, Field(discriminator="by")]
+    episode: Annotated[EpisodePerFile | EpisodeByColumn | EpisodeByEnd, Field(discriminator="by")]
+    clock: ClockParams | None = None
+    """When each row was recorded; null if nothing says it, and all steps are taken for one period."""
+
+    @model_validator(mode="after")
+    def _has_ends(self) -> TableSource:
+        if isinstance(self.episode, EpisodeByEnd) and self.terminated is None and self.truncated is None:
+            message = "episode: {by: end} needs a column that says where an episode ends; give terminated or truncated"
+            raise ValueError(message)
+        return self
+
+
+class CsvSource(TableSource):
+    """Tables as text with a row per line; the first line has the names of the columns."""
+
+    kind: Literal["csv"]
+    separator: Annotated[str, Field(pattern=r"^[ -~\t]$")] = ","
+    """The character between two cells; blanks beside it do not count."""
+    decimal: Literal[".", ","] = "."
+    """The sign between the whole and the rest of a number."""
+    comment: Text | None = None
+    """Lines that begin with this are not read."""
+    missing: tuple[str, ...] = ("nan", "NaN", "NAN", "null", "NULL", "NA", "N/A", "n/a", "<NA>", "#N/A", "None")
+    """What stands in a cell without a value, beside nothing at all."""
+
+    @model_validator(mode="after")
+    def _can_tell_numbers_apart(self) -> CsvSource:
+        if self.separator == self.decimal:
+            message = f"separator and decimal are both '{self.separator}', but they should differ"
+            raise ValueError(message)
+        return self
+
+
+class ParquetSource(TableSource):
+    """Parquet tables with a row per step."""
+
+    kind: Literal["parquet"]
+
+
+class LerobotSource(_Fields):
+    """A LeRobot dataset of version 2 or 3, which knows its episodes, its rate and the names in its vectors."""
+
+    kind: Literal["lerobot"]
+    folder: Text
+    """The folder with `data` and `meta` in it."""
+    rate_hz: Positive | None = None
+    """Steps in a second, which have to be those that the dataset names; null takes them from there."""
 
 
 class MinariSource(_Source):
@@ -169,5 +249,29 @@ class MinariSource(_Source):
     dataset: Text
     """Identifier of a dataset on this machine, or its folder."""
 
+    @model_validator(mode="after")
+    def _has_no_ends(self) -> MinariSource:
+        if self.terminated is not None or self.truncated is not None:
+            message = "a Minari dataset knows where its episodes end; leave out terminated and truncated"
+            raise ValueError(message)
+        return self
 
-SourceParams = Annotated[McapSource | TableSource | MinariSource, Field(discriminator="kind")]
+
+EXAMPLES = {
+    "mcap": "files: logs/*.mcap, observation: {q: {field: '/joints.position[0]', unit: rad}}, action: {continuous: "
+    "{u: {field: /command.data}}}, reward: null, rate_hz: 20.0, tolerance_s: 0.1, episode: {by: gap, seconds: 1.0}, "
+    "min_length: 20",
+    "csv": "files: runs/*.csv, observation: {q: {field: angle}}, action: {continuous: {u: {field: torque}}}, "
+    "reward: null, rate_hz: 20.0, clock: {column: t}, episode: {by: file}, min_length: 20",
+    "parquet": "files: runs/*.parquet, observation: {q: {field: 'state[0:2]'}}, action: {continuous: {u: {field: "
+    "'action[0]'}}}, reward: null, rate_hz: 20.0, episode: {by: column, column: episode}, min_length: 20",
+    "lerobot": "folder: data/so101, observation: {q: {field: 'observation.state[0:6]'}}, action: {continuous: "
+    "{u: {field: 'action[0:6]'}}}, reward: null, min_length: 20",
+    "minari": "dataset: D4RL/pen/human-v2, observation: {q: {field: 'observations[0:45]'}}, action: {continuous: {u: "
+    "{field: 'actions[0:24]'}}}, reward: rewards, rate_hz: 20.0, min_length: 20",
+}
+"""What a section of each kind may look like, for errors."""
+
+SourceParams = Annotated[
+    McapSource | CsvSource | ParquetSource | LerobotSource | MinariSource, Field(discriminator="kind")
+]

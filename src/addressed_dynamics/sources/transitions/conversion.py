@@ -339,6 +339,7 @@ def _findings(
         duplicates=_duplicates(summaries, np.concatenate([each.fingerprints for each in figures])),
         occupancy=reduce(Occupancy.merge, [each.occupancy for each in figures]),
         imported=imported.files if imported else {},
+        other_rates=imported.other_rates if imported else {},
     )
 
 

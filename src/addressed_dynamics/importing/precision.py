@@ -1,0 +1,51 @@
+"""Steps that float32 swallows: counted in each file, and refused where most of a dimension's are lost."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from addressed_dynamics.base.errors import TableError
+from addressed_dynamics.episodes.precision import Swallowed, swallowed
+from addressed_dynamics.importing.samples import Samples, dimension_columns
+from addressed_dynamics.importing.signals import Signals
+
+
+class Precision:
+    """Adds up what float32 swallows.
+
+    Args:
+        signals: what is imported.
+    """
+
+    def __init__(self, signals: Signals) -> None:
+        self._signals = signals
+        self._dimensions = dimension_columns(signals.spec)
+        nothing = np.zeros(len(self._dimensions), dtype=np.int64)
+        self._total = Swallowed(nothing, nothing)
+        self._first: dict[str, tuple[str, float]] = {}
+
+    def look_at(self, samples: Samples, origin: str) -> dict[str, int]:
+        """Count the steps of a file that are lost, by dimension; zeros left out."""
+        values = samples.values[:, [each.column for each in self._dimensions]]
+        found = swallowed(values, samples.follows)
+        self._total = self._total.merge(found)
+        for each, column, count in zip(self._dimensions, values.T, found.lost, strict=True):
+            if count:
+                self._first.setdefault(each.name, (origin, float(np.median(column))))
+        return {each.name: int(count) for each, count in zip(self._dimensions, found.lost, strict=True) if count}
+
+    def refuse_swallowed(self) -> None:
+        """Do nothing if float32 keeps at least half of the steps of each dimension.
+
+        Raises:
+            TableError: it does not.
+        """
+        for place in np.flatnonzero(self._total.mostly):
+            name, signal = self._dimensions[place].name, self._signals.all[self._dimensions[place].column]
+            origin, middle = self._first[name]
+            message = (
+                f"{origin}: float32 cannot hold '{name}' (field '{signal.field}'): {self._total.lost[place]} of the "
+                f"{self._total.changed[place]} steps that change it are lost, because its values are near {middle:.9g} "
+                f"and change by little; give it an offset that is taken off, such as {signal.offset + round(middle)}"
+            )
+            raise TableError(message)
