@@ -4,15 +4,18 @@ import json
 from pathlib import Path
 from typing import Any
 
+import polars
 import pytest
 from foreign_logs import SECOND, json_log, protobuf_log, ros2_log, states_and_commands
+from lerobot_data import frames, write_v3
 
 from addressed_dynamics.base.errors import LogError, ParamsError
 from addressed_dynamics.cli.new import source_params
 from addressed_dynamics.importing import import_logs
 from addressed_dynamics.importing.assessing import assess
 from addressed_dynamics.importing.finding import find_logs
-from addressed_dynamics.importing.looking import MOST_VALUES, Look, look_at
+from addressed_dynamics.importing.looking import MOST_VALUES, Look
+from addressed_dynamics.importing.looking_at import look_at
 from addressed_dynamics.importing.proposing import Proposal, Wishes, propose
 from addressed_dynamics.sources.transitions.reading import read_transitions
 
@@ -173,3 +176,61 @@ def test_an_assessment_is_plain_json() -> None:
     found = json.loads(json.dumps(assessment.to_json()))
     assert [each["verdict"] for each in found["episodes"]] == ["use"]
     assert found["counts"]["messages"] == 250
+
+
+def written(name: str, text: str) -> Proposal:
+    Path(name).write_text(text)
+    found = find_logs([Path(name)])
+    return propose(look_at(found), found.patterns, Wishes(observation=("q",), action=("u",)))
+
+
+@pytest.mark.parametrize(
+    ("header", "row", "expected"),
+    [
+        ("t,q,u", lambda i: f"{i / 20},{i % 7},{i % 3}", {"clock": {"column": "t"}, "rate_hz": 20.0}),
+        ("t [ms],q,u", lambda i: f"{50 * i},{i % 7},{i % 3}", {"clock": {"column": "t [ms]", "unit": "ms"}}),
+        ("time;q;u", lambda i: f"{i / 20};{i % 7},5;{i % 3}".replace(".", ","), {"separator": ";", "decimal": ","}),
+        ("timestamp\tq\tu", lambda i: f"{1_700_000_000_000_000_000 + i * 50_000_000}\t{i % 7}\t{i % 3}",
+         {"clock": {"column": "timestamp", "unit": "ns"}, "separator": "\t", "rate_hz": 20.0}),
+        ("# by somebody\nframe,q,u,episode", lambda i: f"{i % 30},{i % 7},{i % 3},{i // 30}",
+         {"comment": "#", "clock": {"frame": "frame"}, "episode": {"by": "column", "column": "episode"}}),
+        ("date,q,u,done,reward", lambda i: f"2026-01-01T00:00:{i % 60:02}.{i // 60}00,{i % 7},{i % 3},{i % 20 == 19},1",
+         {"reward": "reward", "terminated": "done", "episode": {"by": "end"}}),
+    ],
+)  # fmt: skip
+def test_how_a_table_is_written_is_found_out(header: str, row: Any, expected: dict[str, Any]) -> None:
+    proposal = written("a.csv", "\n".join([header, *(row(i) for i in range(60))]) + "\n")
+    assert {key: proposal.source.get(key) for key in expected} == expected
+    if proposal.unknown:
+        assert proposal.unknown == ("rate",)
+        proposal.source["rate_hz"] = 20.0
+    assert assess(source_params(proposal.source)).transitions > 50
+
+
+def test_units_in_the_names_of_columns_are_taken() -> None:
+    Path("a.csv").write_text("t,angle [rad],torque (N m)\n" + "".join(f"{i / 10},{i % 7},{i % 3}\n" for i in range(40)))
+    found = find_logs([Path("a.csv")])
+    proposal = propose(look_at(found), found.patterns, Wishes())
+    assert proposal.source["observation"] == {"angle": {"field": "angle [rad]", "unit": "rad"}}
+    assert proposal.source["action"]["continuous"] == {"torque": {"field": "torque (N m)", "unit": "N m"}}
+    assert assess(source_params(proposal.source)).transitions == 39
+
+
+def test_structures_and_vectors_in_tables_are_fields() -> None:
+    rows = [{"s": {"x": i % 5, "v": [i, -i]}, "action": [i % 3, 1], "image": [0] * 100, "t": i / 10} for i in range(40)]
+    polars.DataFrame(rows).write_parquet("a.parquet")
+    found = find_logs([Path("a.parquet")])
+    look = look_at(found)
+    assert [each.field for each in look.fields] == ["s.x", "s.v[0]", "s.v[1]", "action[0]", "action[1]"]
+    proposal = propose(look, found.patterns, Wishes(observation=("s",)))
+    assert [each["field"] for each in proposal.source["observation"].values()] == ["s.x", "s.v[0]", "s.v[1]"]
+    assert assess(source_params(proposal.source)).transitions == 39
+
+
+def test_a_lerobot_dataset_is_known_by_its_folder(tmp_path: Path) -> None:
+    write_v3(tmp_path / "so101", frames(4, 30), 70)
+    found = find_logs([tmp_path / "so101"])
+    proposal = propose(look_at(found), found.patterns, Wishes())
+    assert (found.kind, proposal.source["folder"], proposal.unknown) == ("lerobot", "so101", ())
+    assert list(proposal.source["observation"]) == ["shoulder_pan_pos", "gripper_pos"]
+    assert assess(source_params(proposal.source)).transitions > 0

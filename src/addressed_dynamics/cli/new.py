@@ -17,7 +17,8 @@ from addressed_dynamics.base.errors import ParamsError
 from addressed_dynamics.base.params.source import SourceParams
 from addressed_dynamics.importing.assessing import Assessment, assess
 from addressed_dynamics.importing.finding import Found, find_logs
-from addressed_dynamics.importing.looking import Look, look_at
+from addressed_dynamics.importing.looking import Look
+from addressed_dynamics.importing.looking_at import look_at
 from addressed_dynamics.importing.proposing import Proposal, Wishes, propose
 
 MAPPINGS = ("experiments", "recorded", "imported")

@@ -37,6 +37,8 @@ def find_logs(paths: Sequence[Path]) -> Found:
         if not path.exists():
             message = f"{path}: there is no such file or folder; give logs, tables or folders of them"
             raise LogError(message)
+    if len(paths) == 1 and (dataset := _dataset(paths[0])):
+        return Found(dataset, (paths[0],), (_shown(paths[0]),), _shown(paths[0]))
     inside = {path: _inside(path) for path in paths}
     files = sorted({file for found in inside.values() for file in found})
     kinds = Counter(SUFFIXES[file.suffix.lower()] for file in files)
@@ -51,6 +53,13 @@ def find_logs(paths: Sequence[Path]) -> Found:
         raise LogError(message)
     patterns = dict.fromkeys(pattern for path, found in inside.items() for pattern in _patterns(path, found))
     return Found(next(iter(kinds)), tuple(files), tuple(patterns), _shown(_common(paths)))
+
+
+def _dataset(path: Path) -> str | None:
+    """Return the kind of a folder that is a dataset as a whole."""
+    if (path / "meta" / "info.json").is_file():
+        return "lerobot"
+    return "minari" if any((path / "data" / name).is_file() for name in ("metadata.json", "main_data.hdf5")) else None
 
 
 def _inside(path: Path) -> list[Path]:

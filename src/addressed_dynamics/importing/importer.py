@@ -37,7 +37,7 @@ from addressed_dynamics.importing.samples import (
     without_offsets,
 )
 from addressed_dynamics.importing.signals import Signals, signals_of
-from addressed_dynamics.importing.tables import read_tables
+from addressed_dynamics.importing.tables import natural_order, read_tables
 from addressed_dynamics.logs import RunInfo, write_log
 
 ACCOUNT = "import.json"
@@ -153,7 +153,7 @@ def _files(patterns: tuple[str, ...]) -> list[Path]:
             message = f"no file matches '{pattern}' in {Path.cwd()}; correct the 'files' of the source"
             raise LogError(message)
         found |= matches
-    return sorted(found)
+    return sorted(found, key=natural_order)
 
 
 def _counts(samples: Samples, episodes: Episodes, outside: int) -> dict[str, int]:

@@ -106,6 +106,8 @@ class Stretch:
     states: Float64[np.ndarray, "sample state"]
     inputs: Float64[np.ndarray, "sample input"]
     """Actions."""
+    exogenous: Float64[np.ndarray, "sample exogenous"]
+    """What else is known."""
 
 
 def judge_episodes(
@@ -149,7 +151,11 @@ def judge_episodes(
 def stretches(samples: Samples, episodes: Episodes, signals: Signals) -> list[Stretch]:
     """Return the states and actions of each episode."""
     return [
-        Stretch(samples.values[rows, signals.observation_columns], samples.values[rows, signals.action_columns])
+        Stretch(
+            samples.values[rows, signals.observation_columns],
+            samples.values[rows, signals.action_columns],
+            samples.values[rows, signals.exogenous_columns],
+        )
         for rows in episodes.slices
     ]
 
@@ -239,7 +245,7 @@ def _delay(
     if lags < 1 or not any(np.ptp(each.inputs[:, column]) > 0 for each in stretches):
         return None
     # Every lag is judged on the same steps: those before which so many are known.
-    before = np.concatenate([each.states[lags:-1] for each in stretches])
+    before = np.concatenate([np.column_stack([each.states, each.exogenous])[lags:-1] for each in stretches])
     change = np.concatenate([np.diff(each.states[lags:], axis=0) for each in stretches])
     known = np.column_stack([before, np.ones(len(before))])
     rest = _residual(known, change)
@@ -276,7 +282,8 @@ def _noises(states: Sequence[str], stretches: Sequence[Stretch]) -> list[Noise]:
     sample and its k-th neighbour is a line over their squared distance, whose value at distance zero is the variance of
     the noise.
     """
-    inputs = np.concatenate([np.column_stack([each.states, each.inputs])[:-1] for each in stretches])
+    every = [np.column_stack([each.states, each.inputs, each.exogenous]) for each in stretches]
+    inputs = np.concatenate([each[:-1] for each in every])
     change = np.concatenate([np.diff(each.states, axis=0) for each in stretches])
     rows = np.unique(np.linspace(0, len(inputs) - 1, MOST_POINTS).astype(int))
     inputs, change = inputs[rows], change[rows]

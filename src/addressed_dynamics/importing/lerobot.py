@@ -114,6 +114,15 @@ def read_lerobot(dataset: Dataset, signals: Signals, agreement: Agreement) -> It
         yield last[0], _with_account(last[1], lengths, found)
 
 
+def lerobot_files(dataset: Dataset) -> list[Path]:
+    """Return the files of a dataset.
+
+    Raises:
+        TableError: there are none.
+    """
+    return [file for _, files in _origins(dataset) for file in files]
+
+
 def _origins(dataset: Dataset) -> list[tuple[Path, list[Path]]]:
     """Return the files that belong together, with what they are called together."""
     files = sorted((dataset.folder / "data").glob("chunk-*/*.parquet"), key=natural_order)

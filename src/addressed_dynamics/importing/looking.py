@@ -16,7 +16,6 @@ from mcap.records import Channel
 
 from addressed_dynamics.importing.arrays import names_beside
 from addressed_dynamics.importing.decoding import ZSTANDARD, Decode, decoder_for, unpacked
-from addressed_dynamics.importing.finding import Found
 from addressed_dynamics.importing.paths import FieldPath, Label, Step, is_array, member, member_names
 from addressed_dynamics.importing.stamps import STAMPS, own_time
 from addressed_dynamics.importing.topics import message_runs
@@ -31,7 +30,7 @@ MOST_VALUES = 4_000
 MOST_TEXTS = 12
 """So many different texts of a field are kept."""
 
-_UNIT = re.compile(r".*[\[(]([^\[\]()]*)[\])]\s*")
+_UNIT = re.compile(r".*[\[(]([^\[\]()]*[^\d\[\]()][^\[\]()]*)[\])]\s*")
 
 
 @dataclass
@@ -104,15 +103,8 @@ class Look:
     """Topics that cannot be read, and why."""
     clock: dict[str, Any] | None = None
     """The key `clock` of a table that has a column with the time, or one that counts its rows."""
-
-
-def look_at(found: Found) -> Look:
-    """Look at all files of a kind.
-
-    Raises:
-        LogError: a file is damaged.
-    """
-    return look_at_logs(found.files)
+    options: dict[str, Any] = data_field(default_factory=dict)
+    """Keys that say how a CSV file is written."""
 
 
 def look_at_logs(files: Sequence[Path]) -> Look:

@@ -34,8 +34,8 @@ def read_minari(dataset: str, signals: Signals, agreement: Agreement) -> Samples
         LogError: the episodes do not agree in the length of their vectors.
     """
     values, breaks, terminated = [], [], []
-    for number, episode in enumerate(_episodes(dataset)):
-        table = _table(f"{dataset}, episode {number}", _columns(episode), len(episode.terminations) + 1)
+    for number, episode in enumerate(minari_episodes(dataset)):
+        table = minari_table(f"{dataset}, episode {number}", episode)
         values.append(column_values(table, signals.all, agreement))
         breaks.append(np.arange(table.length) == 0)
         terminated.append(np.append(False, np.asarray(episode.terminations, dtype=np.bool_)))
@@ -45,7 +45,9 @@ def read_minari(dataset: str, signals: Signals, agreement: Agreement) -> Samples
     return keep_usable(np.concatenate(values), np.concatenate(breaks), terminated=np.concatenate(terminated))
 
 
-def _table(where: str, parts: dict[str, Any], length: int) -> Table:
+def minari_table(where: str, episode: Any) -> Table:
+    """Return an episode as a table with a row for each observation."""
+    parts, length = _columns(episode), len(episode.terminations) + 1
     return Table(
         where=where,
         names=tuple(parts),
@@ -55,7 +57,12 @@ def _table(where: str, parts: dict[str, Any], length: int) -> Table:
     )
 
 
-def _episodes(dataset: str) -> Iterator[Any]:
+def minari_episodes(dataset: str) -> Iterator[Any]:
+    """Yield the episodes of a dataset.
+
+    Raises:
+        TableError: Minari is not installed, or there is no such dataset, or it is damaged.
+    """
     try:
         import minari
     except ImportError as error:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from addressed_dynamics.base.errors import ParamsError
-from addressed_dynamics.importing.looking import Field, Look
+from addressed_dynamics.importing.looking import Field, Look, unit_in
 from addressed_dynamics.importing.paths import Label, Step, expand_slice, parse_path
 
 ACTION_WORDS = frozenset(
@@ -90,7 +90,7 @@ def propose(look: Look, files: Sequence[str], wishes: Wishes) -> Proposal:
         taken |= {each.field for each in chosen["action"].values()}
     if not chosen["observation"]:
         chosen["observation"] = _guessed_states(look, taken, draft)
-    source: dict[str, Any] = {"kind": look.kind, **_origin(look.kind, files)}
+    source: dict[str, Any] = {"kind": look.kind, **_origin(look.kind, files), **look.options}
     source["observation"] = _dimensions(chosen["observation"])
     source["action"] = _action(chosen["action"])
     if chosen["exogenous"]:
@@ -289,8 +289,12 @@ def _name(text: str, look: Look) -> str:
     if look.kind == "mcap":
         path = parse_path(text)
         words = [path.topic.rsplit("/", maxsplit=1)[-1], *(_step_word(step) for step in path.steps)]
+    elif look.kind == "lerobot":
+        vector, _, name = text.rstrip("]").partition("[")
+        words = [*vector.split("."), *([name] if name else [])]
     else:
-        words = re.split(r"[.\[\]]+", re.sub(r"\s*[\[(][^\[\]()]*[\])]\s*$", "", text) if _is_unit(text) else text)
+        without_unit = text[: text.rindex(unit) - 1] if (unit := unit_in(text)) else text
+        words = re.split(r"[.\[\]]+", without_unit)
     words = [word for word in (re.sub(r"\W+", "_", word).strip("_") for word in words) if word]
     start = len(words) - 1
     while start > 0 and (words[start].isdigit() or len(words[start]) < 2 or words[start] in ("data", "value")):
@@ -298,10 +302,6 @@ def _name(text: str, look: Look) -> str:
     kept = [word for word in words[start:] if word not in ("data", "value")] or words[-1:]
     name = "_".join(kept) if kept else "field"
     return name if re.match(r"[A-Za-z]", name) else f"x_{name}"
-
-
-def _is_unit(text: str) -> bool:
-    return bool(re.search(r"[\[(][^\[\]()]*[^\d\[\]()][^\[\]()]*[\])]\s*$", text))
 
 
 def _step_word(step: Step) -> str:

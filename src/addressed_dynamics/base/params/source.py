@@ -132,6 +132,14 @@ class _Source(_Fields):
     rate_hz: Positive
     """Steps in a second."""
 
+    @model_validator(mode="after")
+    def _has_ends(self) -> _Source:
+        ends = isinstance(getattr(self, "episode", None), EpisodeByEnd)
+        if ends and self.terminated is None and self.truncated is None:
+            message = "episode: {by: end} needs a field that says where an episode ends; give terminated or truncated"
+            raise ValueError(message)
+        return self
+
 
 class EpisodeByReset(Section):
     """An episode ends where time goes back by more than the tolerance, as where a simulation starts again."""
@@ -176,7 +184,9 @@ class McapSource(_Source):
     `header.stamp`, `stamp` or `timestamp`."""
     topics: dict[Text, TopicParams] = Field(default_factory=dict)
     """What holds for some topics alone, by their names."""
-    episode: Annotated[EpisodePerFile | EpisodeByGap | EpisodeByTopic | EpisodeByReset, Field(discriminator="by")]
+    episode: Annotated[
+        EpisodePerFile | EpisodeByGap | EpisodeByTopic | EpisodeByReset | EpisodeByEnd, Field(discriminator="by")
+    ]
 
     def clock(self, topic: str) -> Clock:
         """Return which time of a topic's messages counts."""
@@ -196,13 +206,6 @@ class TableSource(_Source):
     episode: Annotated[EpisodePerFile | EpisodeByColumn | EpisodeByEnd, Field(discriminator="by")]
     clock: ClockParams | None = None
     """When each row was recorded; null if nothing says it, and all steps are taken for one period."""
-
-    @model_validator(mode="after")
-    def _has_ends(self) -> TableSource:
-        if isinstance(self.episode, EpisodeByEnd) and self.terminated is None and self.truncated is None:
-            message = "episode: {by: end} needs a column that says where an episode ends; give terminated or truncated"
-            raise ValueError(message)
-        return self
 
 
 class CsvSource(TableSource):
