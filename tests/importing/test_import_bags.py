@@ -297,7 +297,12 @@ def change(path: Path, statement: str) -> Path:
         ("UPDATE messages SET data = x'28b52ffd00' WHERE id = 1", "message 0 of topic /joint_states .* but is damaged"),
         ("UPDATE messages SET data = x'00010000' WHERE id = 1", "message 0 of topic /joint_states .* be decoded"),
         ("UPDATE topics SET id = 70000 WHERE id = 1", "the number of the topic /joint_states is 70000"),
+        (
+            "UPDATE topics SET name = 'a' || char(10) WHERE id = 2",
+            r"topic 2 is called 'a\\n', of type 'arm/msg/Command'",
+        ),
         ("UPDATE topics SET serialization_format = 'xml'", "topic /joint_states has messages in 'xml'"),
+        ("UPDATE message_definitions SET encoding = char(10)", r"the type 'arm/msg/State' is defined in '\\n'"),
         ("UPDATE message_definitions SET encoding = 'ros2idl'", "the schema of topic /joint_states cannot be read"),
     ],
 )
@@ -316,7 +321,10 @@ def test_a_file_that_is_no_database_is_empty_or_was_not_closed_is_refused(tmp_pa
     path.write_bytes(b"\x89MCAP0\r\n" + bytes(5000))
     assert "file is not a database" in refusal(path)
     path.unlink()
-    write_database(path, MESSAGES)
+    whole = write_database(path, MESSAGES).read_bytes()
+    path.write_bytes(whole.replace(b"message_definitions(id", b"message_defini'ions(id"))
+    assert "x.db3: the file is damaged or no bag (malformed database schema" in refusal(path)
+    path.write_bytes(whole)
     path.with_name("x.db3-wal").write_bytes(b"more messages")
     assert "its recording was killed, and x.db3-wal has what is missing" in refusal(path)
 

@@ -27,6 +27,8 @@ LAST_CHANNEL = 2**16 - 1
 """The highest number of a topic, which is that of a channel in MCAP."""
 LARGEST_MESSAGE = 2**30
 """A message that is larger is not read."""
+LONGEST_REASON = 200
+"""Most characters of what SQLite says that an error repeats."""
 
 Run: TypeAlias = tuple[Channel, Schema | None, MessageRun]
 """Messages with their channel and schema."""
@@ -83,10 +85,12 @@ def database_runs(
         for number, topic, kind, encoding in database.execute(query):
             if not isinstance(number, int) or not 0 <= number <= LAST_CHANNEL:
                 raise _damaged(path, f"the number of the topic {topic} is {number}")
+            if not f"{topic}{kind}{encoding}".isprintable():
+                raise _damaged(path, f"topic {number} is called {topic!r}, of type {kind!r} in {encoding!r}")
             channels[number] = Channel(number, str(topic), str(encoding), {}, number)
             if topics is None or topic in topics:
                 kinds[number] = str(kind)
-        schemas = _own_schemas(database) if "message_definitions" in tables else {}
+        schemas = _own_schemas(path, database) if "message_definitions" in tables else {}
         undefined = sorted(set(kinds.values()) - schemas.keys())
         for kind, text in Definitions(path, types, _distro(path, database, tables)).complete(undefined).items():
             schemas[kind] = _schema(kind, SchemaEncoding.ROS2, text)
@@ -94,9 +98,15 @@ def database_runs(
             yield channels[run.channel], schemas[kinds[run.channel]], run
 
 
-def _own_schemas(database: sqlite3.Connection) -> dict[str, Schema]:
+def _own_schemas(path: Path, database: sqlite3.Connection) -> dict[str, Schema]:
+    schemas: dict[str, Schema] = {}
     rows = database.execute("SELECT topic_type, encoding, encoded_message_definition FROM message_definitions")
-    return {str(kind): _schema(str(kind), str(encoding), str(text)) for kind, encoding, text in rows if text}
+    for kind, encoding, text in rows:
+        if not f"{kind}{encoding}".isprintable():
+            raise _damaged(path, f"the type {kind!r} is defined in {encoding!r}")
+        if text:
+            schemas[str(kind)] = _schema(str(kind), str(encoding), str(text))
+    return schemas
 
 
 def _schema(kind: str, encoding: str, text: str) -> Schema:
@@ -174,7 +184,9 @@ def open_database(path: Path) -> Iterator[sqlite3.Connection]:
 
 
 def _damaged(path: Path, reason: str) -> LogError:
+    # SQLite quotes definitions, which have lines.
+    line = " ".join(reason.split())[:LONGEST_REASON]
     return LogError(
-        f"{path}: the file is damaged or no bag ({reason}); copy it again from where it was recorded, or save what is "
+        f"{path}: the file is damaged or no bag ({line}); copy it again from where it was recorded, or save what is "
         f"intact with sqlite3 {path} .recover"
     )
