@@ -46,9 +46,11 @@ def append_rows(writer: TransitionLogWriter, transitions: Transitions, rows: sli
         writer.append(**{name: getattr(transitions, name)[row] for name in columns})
 
 
-def write_log(path: Path, transitions: Transitions, *, seeds: Sequence[int | None] | None = None) -> Path:
+def write_log(
+    path: Path, transitions: Transitions, *, seeds: Sequence[int | None] | None = None, run: RunInfo = RUN
+) -> Path:
     """Write a complete log of whole episodes."""
-    with TransitionLogWriter(path, transitions.spec, run=RUN) as writer:
+    with TransitionLogWriter(path, transitions.spec, run=run) as writer:
         for index, rows in enumerate(transitions.episode_slices()):
             append_rows(writer, transitions, rows)
             writer.end_episode(seeds[index] if seeds else None, cut=False)

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -55,6 +56,7 @@ def test_what_was_written_is_read_to_six_decimals(
     generator = np.random.default_rng(seed)
     root = generator.uniform(-1e3, 1e3, (frames, 3))
     rotations = generator.uniform(-360, 360, (frames, len(skeleton.names), 3))
+    rotations *= [[axis in order for axis in "xyz"] for order in skeleton.orders]
     path = tmp_path_factory.mktemp("bvh") / "clip.bvh"
     write_bvh(path, skeleton, root, rotations, frame_time=1 / 120)
     bvh = read_bvh(path)
@@ -73,6 +75,28 @@ def test_channels_are_told_apart_by_their_names(tmp_path: Path) -> None:
     assert bvh.positions.tolist() == [[[1, 2, 3], [0, 2.5, 0]], [[4, 5, 6], [0, 2.5, 0]]]
     assert bvh.rotations.tolist() == [[[30, 20, 10], [50, 40, 60]], [[90, 80, 70], [12, 11, 13]]]
     assert bvh.skeleton.orders == ("zyx", "yxz")
+
+
+def test_a_joint_without_channels_stays_where_its_offset_is_and_does_not_turn(tmp_path: Path) -> None:
+    text = TWO_JOINTS.replace("CHANNELS 3 Yrotation Xrotation Zrotation", "CHANNELS 0")
+    bvh = read_bvh(_file(tmp_path, text.replace(" 40 50 60", "").replace(" 11 12 13", "")))
+    assert bvh.skeleton.orders == ("zyx", "")
+    assert bvh.positions.tolist() == [[[1, 2, 3], [0, 2.5, 0]], [[4, 5, 6], [0, 2.5, 0]]]
+    assert bvh.rotations.tolist() == [[[30, 20, 10], [0, 0, 0]], [[90, 80, 70], [0, 0, 0]]]
+
+
+def test_fewer_channels_leave_the_other_axes_at_rest(tmp_path: Path) -> None:
+    text = TWO_JOINTS.replace("CHANNELS 3 Yrotation Xrotation Zrotation", "CHANNELS 3 Zrotation Xposition Xrotation")
+    bvh = read_bvh(_file(tmp_path, text))
+    assert bvh.skeleton.orders == ("zyx", "zx")
+    assert bvh.positions[:, 1].tolist() == [[50, 2.5, 0], [12, 2.5, 0]]
+    assert bvh.rotations[:, 1].tolist() == [[60, 0, 40], [13, 0, 11]]
+
+
+def test_a_skeleton_of_which_nothing_moves_is_refused(tmp_path: Path) -> None:
+    head = "HIERARCHY\nROOT Hips\n{\nOFFSET 0 0 0\nCHANNELS 0\nEnd Site\n{\nOFFSET 0 1 0\n}\n}\n"
+    with pytest.raises(MotionError, match=r"line 11: expected at least one joint with channels"):
+        read_bvh(_file(tmp_path, head + "MOTION\nFrames: 1\nFrame Time: 0.1\n\n"))
 
 
 def test_joints_listed_breadth_first_keep_their_rotations_when_written(tmp_path: Path) -> None:
@@ -96,11 +120,17 @@ def test_line_ends_of_windows_and_a_byte_order_mark_change_nothing(tmp_path: Pat
         ("ROOT Hips", "Hips", r"line 2: expected ROOT, but found 'Hips'"),
         ("JOINT Spine", "JOINT Hips", r"line 6: expected a joint with a name of its own, but found a second 'Hips'"),
         ("OFFSET 0 2.5 0", "OFFSET 0 up 0", r"line 8: expected a finite number, but found 'up'"),
-        ("Yrotation Xrotation Z", "Yrotation Xrotation Y", r"line 9: .*'Spine' to have three rotations in any order"),
+        (
+            "Yrotation Xrotation Z",
+            "Yrotation Xrotation Y",
+            r"line 9: .*'Spine' to have rotations .* none twice, but found",
+        ),
         ("3 Yrotation Xrotation Zr", "3 Yrotation Xrotation Zm", r"line 9: .*Yrotation Xrotation Zmotation"),
-        ("6 Xposition Yposition Z", "6 Xposition Yposition X", r"line 5: .*with or without three positions"),
-        ("CHANNELS 3", "CHANNELS three", r"line 9: expected a whole number above 0, but found 'three'"),
-        ("Frames: 2", "Frames: 0", r"line 17: expected a whole number above 0, but found '0'"),
+        ("6 Xposition Yposition Z", "6 Xposition Yposition X", r"line 5: .*'Hips' to have rotations .* none twice"),
+        ("CHANNELS 3", "CHANNELS three", r"line 9: expected a whole number from 0, but found 'three'"),
+        ("CHANNELS 3", "CHANNELS -3", r"line 9: expected a whole number from 0, but found '-3'"),
+        ("CHANNELS 3", "CHANNELS 0", r"line 9: expected JOINT or End or }, but found 'Yrotation'"),
+        ("Frames: 2", "Frames: 0", r"line 17: expected a whole number from 1, but found '0'"),
         ("Time: 0.01", "Time: -0.01", r"line 18: expected a frame time above 0, but found -0.01 s"),
         ("Frames: 2", "Frames: 3", r"expected 3 frames, as its header says, but found 2 \(is it cut short\?\)"),
         ("Frames: 2", "Frames: 1", r"expected 1 frames, as its header says, but found 2"),
@@ -133,6 +163,9 @@ def test_motion_that_does_not_fit_its_skeleton_is_not_written(tmp_path: Path) ->
         write_bvh(path, skeleton, np.zeros((5, 3)), np.zeros((4, 2, 3)), 0.01)
     with pytest.raises(MotionError, match="not finite"):
         write_bvh(path, skeleton, np.zeros((4, 3)), np.full((4, 2, 3), np.nan), 0.01)
+    stiff = replace(skeleton, orders=("zyx", "y"))
+    with pytest.raises(MotionError, match=r"joint Spine is turned about an axis for which .* its order is 'y'"):
+        write_bvh(path, stiff, np.zeros((4, 3)), np.ones((4, 2, 3)), 0.01)
     assert not path.exists()
 
 

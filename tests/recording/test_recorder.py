@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 from builders import fill_disk_after
 from gymnasium.spaces import Box, Dict, Discrete, MultiDiscrete
+from gymnasium.vector import SyncVectorEnv
 from gymnasium.wrappers import Autoreset, TimeLimit
 
 from addressed_dynamics.base.errors import LogError, RecordingError, SpaceError
 from addressed_dynamics.logs import RunInfo, read_log, recover_log
 from addressed_dynamics.recording.recorder import TransitionRecorder
 from addressed_dynamics.recording.spaces import space_spec
+from addressed_dynamics.sources.transitions.reading import read_transitions
 
 
 class Counter(gymnasium.Env):
@@ -305,6 +307,11 @@ def test_a_number_that_is_not_finite_is_one_error_with_its_place_and_the_rest_is
     ("space", "action", "problem"),
     [
         (Discrete(3), 3, "the action is 3, but actions are 0..2"),
+        (Discrete(3), 1.7, r"the action is 1\.7, but should be a whole number"),
+        (Discrete(3), np.float32("nan"), "the action is .*nan.*, but should be a whole number"),
+        (Discrete(3), "1", "the action is '1', but should be a whole number"),
+        (Discrete(3), np.array([1]), r"an array of shape \(1,\), but should be one whole number: .* action\[0\]"),
+        (Discrete(3), np.array([1, 2]), r"an array of shape \(2,\), .*: give one action at a time"),
         (Box(-1, 1, (2,)), np.zeros(3), "the action has 3 components, but its space has 2"),
         (Box(-1, 1, (2,)), np.array([0.0, np.nan]), "the action is not finite"),
     ],
@@ -316,6 +323,38 @@ def test_an_action_outside_its_space_is_refused(tmp_path, space, action, problem
         env.step(action)
     env.close()
     assert len(read_log(tmp_path / "a.mcap").transitions) == 0
+
+
+@pytest.mark.parametrize("action", [1, np.int64(1), np.array(1), np.uint8(1), 1.0, np.float32(1), True])
+def test_a_whole_number_of_any_type_is_an_action(tmp_path, action):
+    env = TransitionRecorder(Counter(), tmp_path / "a.mcap")
+    env.reset()
+    env.step(action)
+    env.close()
+    assert read_log(tmp_path / "a.mcap").transitions.action.tolist() == [1]
+
+
+def test_a_vectorised_environment_is_refused_with_what_to_do(tmp_path):
+    envs = gymnasium.make_vec("CartPole-v1", num_envs=3, vectorization_mode="sync")
+    with pytest.raises(SpaceError, match=r"SyncVectorEnv: .* a vector of 3; wrap each .*TransitionRecorder") as caught:
+        TransitionRecorder(envs, tmp_path / "a.mcap")
+    assert "\n" not in str(caught.value)
+    assert not list(tmp_path.iterdir())
+    with pytest.raises(SpaceError, match=r"records a gymnasium\.Env, but this is a str"):
+        TransitionRecorder("CartPole-v1", tmp_path / "a.mcap")
+
+
+def test_recorders_inside_a_vectorised_environment_leave_one_folder_of_different_episodes(tmp_path):
+    envs = SyncVectorEnv([lambda i=i: TransitionRecorder(Counter(), tmp_path / f"{i}.mcap") for i in range(3)])
+    envs.reset(seed=0)
+    for step in range(12):
+        envs.step(np.array([step % 3, 0, 1]))
+    envs.close()
+    logs = [read_log(tmp_path / f"{i}.mcap") for i in range(3)]
+    assert [[each.episode for each in log.episodes] for log in logs] == [[0, 1, 2]] * 3
+    found = read_transitions(tmp_path)
+    np.testing.assert_array_equal(np.unique(found.episode), np.arange(9))
+    np.testing.assert_array_equal(found.action, np.concatenate([log.transitions.action for log in logs]))
 
 
 def test_a_seed_that_does_not_fit_is_refused(tmp_path):

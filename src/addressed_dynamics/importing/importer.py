@@ -25,6 +25,7 @@ from addressed_dynamics.importing.minari_data import read_minari
 from addressed_dynamics.importing.paths import parse_path
 from addressed_dynamics.importing.precision import Precision
 from addressed_dynamics.importing.recordings import Recording, recordings
+from addressed_dynamics.importing.ros_bags import bag_files, is_bag, whole_bags
 from addressed_dynamics.importing.samples import (
     EPISODES_PER_FILE,
     Episodes,
@@ -134,21 +135,22 @@ def _read(source: SourceParams, signals: Signals) -> Iterator[tuple[str, Samples
 
 
 def _recordings(source: McapSource) -> list[Recording]:
-    files = _files(source.files)
+    found = whole_bags(_files(source.files, or_if=is_bag))
+    whole = [bag_files(path) if is_bag(path) else (path,) for path in found]
     match source.episode:
         case EpisodePerFile():
-            return [(file,) for file in files]
+            return whole
         case EpisodeByGap(seconds=seconds):
-            return recordings(files, round(seconds * 1e9))
+            return recordings(whole, round(seconds * 1e9))
         case _:
-            return recordings(files, round(source.tolerance_s * 1e9))
+            return recordings(whole, round(source.tolerance_s * 1e9))
 
 
-def _files(patterns: tuple[str, ...]) -> list[Path]:
+def _files(patterns: tuple[str, ...], or_if: Callable[[Path], bool] = Path.is_file) -> list[Path]:
     found: set[Path] = set()
     for pattern in patterns:
         root = Path(Path(pattern).anchor)
-        matches = {file for file in root.glob(str(Path(pattern).relative_to(root))) if file.is_file()}
+        matches = {file for file in root.glob(str(Path(pattern).relative_to(root))) if file.is_file() or or_if(file)}
         if not matches:
             message = f"no file matches '{pattern}' in {Path.cwd()}; correct the 'files' of the source"
             raise LogError(message)

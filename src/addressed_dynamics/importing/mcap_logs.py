@@ -40,7 +40,7 @@ def read_mcap(
     is another episode. Messages with a value that is missing or not finite are ignored.
 
     Args:
-        files: MCAP logs, in the order of their times.
+        files: MCAP logs or databases of ROS 2, in the order of their times.
         source: how to read them.
         signals: what to read.
         paths: where each of `signals.all` is.
@@ -52,7 +52,9 @@ def read_mcap(
     """
     where = str(files[0])
     turns = Turns(round(source.tolerance_s * 1e9) if isinstance(source.episode, EpisodeByReset) else None)
-    readers = read_topics(files, signals.all, paths, clock=source.clock, turns=turns, agreement=agreement)
+    readers = read_topics(
+        files, signals.all, paths, clock=source.clock, turns=turns, types=source.types, agreement=agreement
+    )
     parts, incomplete = _parts(where, [reader.series() for reader in readers], source)
     on_clock = [_on_clock(where, part, source, signals) for part in parts]
     topics = {

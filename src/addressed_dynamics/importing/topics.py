@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from mcap.records import Channel, Schema
@@ -11,6 +11,7 @@ from addressed_dynamics.base.errors import LogError
 from addressed_dynamics.importing.agreement import Agreement
 from addressed_dynamics.importing.decoding import ZSTANDARD
 from addressed_dynamics.importing.paths import FieldPath
+from addressed_dynamics.importing.ros_databases import database_runs, is_database
 from addressed_dynamics.importing.series import Clock, TopicReader, Turns
 from addressed_dynamics.importing.signals import Signal
 from addressed_dynamics.logs.container import Content, Damage, MessageRun, Source, scan
@@ -26,16 +27,18 @@ def read_topics(
     *,
     clock: Callable[[str], Clock],
     turns: Turns,
+    types: tuple[str, ...] = (),
     agreement: Agreement,
 ) -> list[TopicReader]:
     """Read the signals in the logs of one recording.
 
     Args:
-        files: MCAP logs, in the order of their times.
+        files: MCAP logs or databases of ROS 2, in the order of their times.
         signals: what to read.
         paths: where it is, one path for each signal.
         clock: which time of a topic's messages counts.
         turns: numbers the parts of the recording.
+        types: folders or files with definitions of messages, for databases that do not carry them.
         agreement: what the files before this recording looked like.
 
     Returns:
@@ -53,8 +56,10 @@ def read_topics(
     for path in files:
         for reader in readers.values():
             reader.begin(str(path))
+        if is_database(path):
+            _refuse_times(path, [topic for topic in readers if clock(topic) == "publish"])
         channels: dict[int, Channel] = {}
-        for channel, schema, run in message_runs(path, channels):
+        for channel, schema, run in message_runs(path, channels, topics=readers, types=types):
             if channel.topic in readers:
                 readers[channel.topic].add(channel, schema, run)
         topics |= {channel.topic for channel in channels.values()}
@@ -62,8 +67,23 @@ def read_topics(
     return list(readers.values())
 
 
-def message_runs(path: Path, channels: dict[int, Channel]) -> Iterator[tuple[Channel, Schema | None, MessageRun]]:
-    """Yield the messages of a file, with their channel and schema; `channels` is filled on the way."""
+def message_runs(
+    path: Path, channels: dict[int, Channel], *, topics: Collection[str] | None = None, types: tuple[str, ...] = ()
+) -> Iterator[tuple[Channel, Schema | None, MessageRun]]:
+    """Yield the messages of a file, with their channel and schema; `channels` is filled on the way.
+
+    Args:
+        path: an MCAP log or a database of ROS 2.
+        channels: all channels by their number.
+        topics: whose messages matter, None for all; others may come all the same.
+        types: folders or files with definitions of messages, for databases that do not carry them.
+
+    Raises:
+        LogError: the file is damaged, or definitions are missing.
+    """
+    if is_database(path):
+        yield from database_runs(path, channels, topics, types)
+        return
     schemas: dict[int, Schema] = {}
     try:
         for content in _contents(path):
@@ -105,6 +125,15 @@ def _refuse_compressed(path: Path, source: Source) -> None:
         if source.read(0, len(magic)) == magic:
             message = f"{path}: this is a compressed file, not an MCAP log; undo it with '{undo} {path.name}'"
             raise LogError(message)
+
+
+def _refuse_times(path: Path, topics: Sequence[str]) -> None:
+    if topics:
+        message = (
+            f"{path}: a .db3 file says when each message was recorded, not when it was published; let the 'time' of "
+            f"{topics[0]} be log or header"
+        )
+        raise LogError(message)
 
 
 def _check_topics(files: Sequence[Path], readers: Mapping[str, TopicReader], topics: set[str]) -> None:

@@ -22,9 +22,10 @@ class Bvh:
     skeleton: Skeleton
     """The joints."""
     positions: Float64[np.ndarray, "frame joint 3"]
-    """Position of each joint in the frame of its parent: its offset, unless the file gives it position channels."""
+    """Position of each joint in the frame of its parent: its offset, on axes for which the file has no channel."""
     rotations: Float64[np.ndarray, "frame joint 3"]
-    """Angles about the joint's x, y and z axes (in this order, whatever the file's), in degrees."""
+    """Angles about the joint's x, y and z axes (in this order, whatever the file's), in degrees; 0 about axes for
+    which the file has no channel."""
     frame_time: float
     """Seconds from one frame to the next."""
 
@@ -33,14 +34,14 @@ def read_bvh(path: Path) -> Bvh:
     """Read a BVH file.
 
     Raises:
-        MotionError: the file is missing or not BVH, has an unknown order of channels, is cut short, has a line with
-            more or fewer values than there are channels, or a value that is not a finite number.
+        MotionError: the file is missing or not BVH, has unknown channels or one of them twice, is cut short, has a line
+            with more or fewer values than there are channels, or a value that is not a finite number.
     """
     lines = read_lines(path)
     words = Words(path, lines)
     skeleton, channels = read_hierarchy(words)
     words.expect("Frames:")
-    frames = words.count()
+    frames = words.count(at_least=1)
     words.expect("Frame")
     words.expect("Time:")
     frame_time = words.number()
@@ -74,7 +75,8 @@ def write_bvh(
         frame_time: seconds from one frame to the next.
 
     Raises:
-        MotionError: the arrays do not fit the skeleton or each other, or hold a value that is not finite.
+        MotionError: the arrays do not fit the skeleton or each other, hold a value that is not finite, or turn a joint
+            about an axis that is not in its order.
     """
     frames, joints = len(root_positions), len(skeleton.names)
     if root_positions.shape != (frames, 3) or rotations.shape != (frames, joints, 3):
@@ -86,6 +88,13 @@ def write_bvh(
     if not (np.isfinite(root_positions).all() and np.isfinite(rotations).all()):
         message = f"{path}: a root position or a rotation that should be written is not finite"
         raise MotionError(message)
+    for joint, order in enumerate(skeleton.orders):
+        if any(rotations[:, joint, "xyz".index(axis)].any() for axis in set("xyz").difference(order)):
+            message = (
+                f"{path}: joint {skeleton.names[joint]} is turned about an axis for which it has no channel, since its "
+                f"order is '{order}'; give it another order"
+            )
+            raise MotionError(message)
     turned = [
         rotations[:, joint, ["xyz".index(axis) for axis in skeleton.orders[joint]]] for joint in _depth_first(skeleton)
     ]

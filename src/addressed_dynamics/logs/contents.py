@@ -67,6 +67,8 @@ class LogContents:
     """One record for each episode, in the same order."""
     run: RunInfo
     """Where the log comes from."""
+    recording: str
+    """The same text for all logs of one recording, and for those of recordings that say the same of themselves."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +79,11 @@ class RunRecord:
     spec: SpaceSpec
     topic: str
     """Prefix of the transition topic, for instance `/env_00`."""
+
+    @property
+    def recording(self) -> str:
+        """What tells a recording from others: all that is known of it, the moment of its start included."""
+        return json.dumps(self.to_metadata())
 
     def to_metadata(self) -> dict[str, str]:
         """Return the record as the text values of an MCAP metadata record, with a checksum: MCAP has none for it."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import permutations
 from pathlib import Path
 from typing import NoReturn
 
@@ -12,8 +13,13 @@ from jaxtyping import Float64
 
 from addressed_dynamics.base.errors import MotionError
 
-ORDERS = ("xyz", "xzy", "yxz", "yzx", "zxy", "zyx")
-"""Orders in which a joint may list its three rotations; BVH applies the last of them first."""
+ORDERS = tuple("".join(axes) for count in range(4) for axes in permutations("xyz", count))
+"""Orders in which a joint may list its rotations, three or fewer; BVH applies the last of them first."""
+
+CHANNELS = frozenset(f"{axis}{what}" for axis in "XYZ" for what in ("rotation", "position"))
+"""What can be given of a joint in every frame."""
+MOST_DIGITS = 18
+"""Most digits of a count."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +33,7 @@ class Skeleton:
     offsets: Float64[np.ndarray, "joint 3"]
     """Where a joint sits in the frame of its parent, in the file's own unit of length."""
     orders: tuple[str, ...]
-    """The order of each joint's rotations, one of `ORDERS`."""
+    """The order of each joint's rotations, one of `ORDERS`; empty for a joint that does not turn."""
 
 
 @dataclass(frozen=True)
@@ -83,11 +89,12 @@ class Words:
             self.fail("a finite number", f"'{word[:40]}'")
         return value
 
-    def count(self) -> int:
-        """Return the next word, which must be a whole number above zero."""
-        word = self.next("a whole number above 0")
-        if not word.isdecimal() or int(word) == 0:
-            self.fail("a whole number above 0", f"'{word[:40]}'")
+    def count(self, *, at_least: int) -> int:
+        """Return the next word, which must be a whole number that is not below `at_least`."""
+        expected = f"a whole number from {at_least}"
+        word = self.next(expected)
+        if not (word.isascii() and word.isdecimal() and len(word) <= MOST_DIGITS and int(word) >= at_least):
+            self.fail(expected, f"'{word[:40]}'")
         return int(word)
 
 
@@ -95,8 +102,8 @@ def read_hierarchy(words: Words) -> tuple[Skeleton, list[Channel]]:
     """Read from the word HIERARCHY to the word MOTION; return the joints, and the channels in the order of columns.
 
     Raises:
-        MotionError: the words are not a hierarchy, a name occurs twice, or a joint has other channels than three
-            rotations in any order, with or without three positions.
+        MotionError: the words are not a hierarchy, a name occurs twice, a joint has other channels than
+            rotations and positions in any order, none of them twice, or no joint has any.
     """
     joints = _Joints()
     words.expect("HIERARCHY")
@@ -114,6 +121,8 @@ def read_hierarchy(words: Words) -> tuple[Skeleton, list[Channel]]:
             case _:
                 unfinished.pop()
     words.expect("MOTION")
+    if not joints.channels:
+        words.fail("at least one joint with channels", "none that moves")
     skeleton = Skeleton(tuple(joints.names), tuple(joints.parents), np.array(joints.offsets), tuple(joints.orders))
     return skeleton, joints.channels
 
@@ -121,7 +130,7 @@ def read_hierarchy(words: Words) -> tuple[Skeleton, list[Channel]]:
 def hierarchy_lines(skeleton: Skeleton, joint: int = 0, depth: int = 0) -> Iterator[str]:
     """Yield the lines that describe `joint` and what hangs on it, depth first.
 
-    The root has its three positions before its rotations, other joints have rotations only.
+    The root has its three positions before its rotations, other joints have rotations only, if any.
     """
     indent, children = "\t" * depth, [child for child, parent in enumerate(skeleton.parents) if parent == joint]
     channels = [f"{axis.upper()}rotation" for axis in skeleton.orders[joint]]
@@ -130,7 +139,7 @@ def hierarchy_lines(skeleton: Skeleton, joint: int = 0, depth: int = 0) -> Itera
     yield f"{indent}{'JOINT' if depth else 'ROOT'} {skeleton.names[joint]}"
     yield f"{indent}{{"
     yield f"{indent}\tOFFSET {' '.join(f'{value:.6f}' for value in skeleton.offsets[joint])}"
-    yield f"{indent}\tCHANNELS {len(channels)} {' '.join(channels)}"
+    yield f"{indent}\tCHANNELS {' '.join([str(len(channels)), *channels])}"
     for child in children:
         yield from hierarchy_lines(skeleton, child, depth + 1)
     if not children:
@@ -157,19 +166,11 @@ def _read_joint(words: Words, joints: _Joints, parent: int) -> int:
     joints.parents.append(parent)
     joints.offsets.append(_read_offset(words))
     words.expect("CHANNELS")
-    channels = [words.next("a channel") for _ in range(words.count())]
-    order = "".join(each[0].lower() for each in channels if each[1:] == "rotation")
-    positions = sorted(each for each in channels if each[1:] == "position")
-    if (
-        order not in ORDERS
-        or positions not in ([], ["Xposition", "Yposition", "Zposition"])
-        or len(channels) != len(order) + len(positions)
-    ):
-        words.fail(
-            f"'{name}' to have three rotations in any order, with or without three positions",
-            f"the channels {' '.join(channels)[:80]}",
-        )
-    joints.orders.append(order)
+    channels = [words.next("a channel") for _ in range(words.count(at_least=0))]
+    if len(set(channels)) < len(channels) or not CHANNELS.issuperset(channels):
+        expected = f"'{name}' to have rotations (Xrotation, …) and positions (Xposition, …) in any order, none twice"
+        words.fail(expected, f"the channels {' '.join(channels)[:80]}")
+    joints.orders.append("".join(each[0].lower() for each in channels if each[1:] == "rotation"))
     joints.channels += [Channel(joint, each[1:] == "rotation", "XYZ".index(each[0])) for each in channels]
     return joint
 

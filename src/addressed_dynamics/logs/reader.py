@@ -28,7 +28,7 @@ def read_log(path: Path) -> LogContents:
     record = blocks[0][0]
     columns = {name: np.concatenate([block[name] for _, block, _ in blocks]) for name in blocks[0][1]}
     episodes = tuple(episode for _, _, ends in blocks for episode in ends)
-    return LogContents(_transitions(path, record, columns), episodes, record.info)
+    return LogContents(_transitions(path, record, columns), episodes, record.info, record.recording)
 
 
 def read_blocks(path: Path) -> Iterator[LogContents]:
@@ -50,7 +50,7 @@ def read_blocks(path: Path) -> Iterator[LogContents]:
                 message = f"{path}: {error}"
                 raise LogError(message) from error
         before = block.select(slice(-1, None)) if len(block) else before
-        yield LogContents(block, tuple(episodes), record.info)
+        yield LogContents(block, tuple(episodes), record.info, record.recording)
 
 
 def read_episodes(path: Path, *, at_least: int) -> Iterator[LogContents]:
@@ -72,10 +72,10 @@ def read_episodes(path: Path, *, at_least: int) -> Iterator[LogContents]:
             # What follows the last end in this chunk belongs to an episode of the next block.
             last = np.flatnonzero(part.episode == block.episodes[-1].episode)[-1] + 1
             parts[-1] = part.select(slice(0, last))
-            yield LogContents(Transitions.concatenate(parts), tuple(episodes), block.run)
+            yield LogContents(Transitions.concatenate(parts), tuple(episodes), block.run, block.recording)
             parts, episodes, size, begun = [part.select(slice(last, None))], [], len(part) - last, True
     if size or not begun:
-        yield LogContents(Transitions.concatenate(parts), tuple(episodes), block.run)
+        yield LogContents(Transitions.concatenate(parts), tuple(episodes), block.run, block.recording)
 
 
 def _blocks(path: Path) -> Iterator[tuple[RunRecord, Columns, list[EpisodeRecord]]]:

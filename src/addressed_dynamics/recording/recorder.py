@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import numbers
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from functools import lru_cache
@@ -16,7 +17,7 @@ import numpy as np
 from addressed_dynamics.base.errors import LogError, RecordingError
 from addressed_dynamics.episodes.transitions import DiscreteAction
 from addressed_dynamics.logs import RunInfo, TransitionLogWriter
-from addressed_dynamics.recording.spaces import environment_name, space_spec
+from addressed_dynamics.recording.spaces import check_single, environment_name, space_spec
 
 _LARGEST_REWARD = float(np.finfo(np.float32).max)
 _LARGEST_SEED = 2**63 - 1
@@ -30,6 +31,10 @@ class TransitionRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
     reset precedes is taken for the reset of an environment that resets itself: its observation begins the next episode.
     An episode that is not finished when the environment is reset or closed stays in the log, cut.
 
+    Of a vectorised environment each part has a recorder and a file of its own, inside the vectorisation:
+    `SyncVectorEnv([lambda i=i: TransitionRecorder(make("CartPole-v1"), f"logs/{i}.mcap") for i in range(3)])`. They may
+    all number their episodes from 0: `read_transitions` and the stage `convert` tell recordings in one folder apart.
+
     Args:
         env: the environment, with a Box observation space and a Discrete or Box action space.
         path: the log; with `shard_transitions`, logs are called `<stem>-000.mcap`, `<stem>-001.mcap`, … instead.
@@ -40,7 +45,7 @@ class TransitionRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         topic: prefix of the transitions' topic; must differ between environments that are viewed together.
 
     Raises:
-        SpaceError: the environment's spaces cannot be recorded.
+        SpaceError: the environment's spaces cannot be recorded, or it is a vectorised one.
         LogError: the file cannot be created.
     """
 
@@ -54,6 +59,7 @@ class TransitionRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         run: RunInfo | None = None,
         topic: str = "/env_00",
     ) -> None:
+        check_single(env)
         super().__init__(env)
         self.space_spec = space_spec(env)
         """What the recorded numbers mean."""
@@ -193,10 +199,21 @@ class TransitionRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         if self._action_count is None:
             # A copy before the step: an environment may clip the action in place.
             return self._flat(action, "action")
-        number = int(action)
+        number = self._whole(action)
         if not 0 <= number < self._action_count:
             self._refuse(f"the action is {number}, but actions are 0..{self._action_count - 1}")
         return number
+
+    def _whole(self, action: Any) -> int:
+        if isinstance(action, numbers.Integral):
+            return int(action)
+        array = np.asarray(action)
+        if array.ndim:
+            hint = "give its one element, action[0]" if array.size == 1 else "give one action at a time"
+            self._refuse(f"the action is an array of shape {array.shape}, but should be one whole number: {hint}")
+        if array.dtype.kind not in "biuf" or not float(array).is_integer():
+            self._refuse(f"the action is {action!r}, but should be a whole number")
+        return int(array)
 
     def _flat(self, value: Any, what: str) -> list[float]:
         """Return the components, rounded to float32, as a list: a copy, and cheaper than an array to check and pack."""
@@ -229,7 +246,7 @@ def _run_info(env: gymnasium.Env[Any, Any]) -> RunInfo:
         environment=environment_name(env),
         kwargs={} if env.spec is None else env.spec.kwargs,
         versions=dict(_versions()),
-        started=datetime.now(UTC).isoformat(timespec="seconds"),
+        started=datetime.now(UTC).isoformat(timespec="microseconds"),
     )
 
 

@@ -79,6 +79,23 @@ def space_spec(env: gymnasium.Env[Any, Any]) -> SpaceSpec:
     )
 
 
+def check_single(env: Any) -> None:
+    """Refuse what is not one environment.
+
+    Raises:
+        SpaceError: it is several of them, or something else.
+    """
+    if isinstance(env, gymnasium.vector.VectorEnv):
+        message = (
+            f"{type(env).__name__}: a recorder records one environment, but this is a vector of {env.num_envs}; wrap "
+            "each of them: SyncVectorEnv([lambda: TransitionRecorder(make(...), path_0), …]), with a file for each"
+        )
+        raise SpaceError(message)
+    if not isinstance(env, gymnasium.Env):
+        message = f"a recorder records a gymnasium.Env, but this is a {type(env).__name__}; give an environment"
+        raise SpaceError(message)
+
+
 def environment_name(env: gymnasium.Env[Any, Any]) -> str:
     """Return the environment's Gymnasium identifier, or the name of its class if it has none."""
     return env.spec.id if env.spec is not None else type(env.unwrapped).__name__

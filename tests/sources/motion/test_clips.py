@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from motion_clips import OFFSETS, SKELETON, write_clip
 from naive_motion import read_naively
+from scipy.spatial.transform import Rotation
 
 from addressed_dynamics.base.errors import MotionError
 from addressed_dynamics.episodes.layout import GAITS, INPUT, INPUT_HEIGHTS, JOINTS, NOW, OUTPUT, PARENTS
 from addressed_dynamics.logs.bvh import read_bvh, write_bvh
-from addressed_dynamics.logs.hierarchy import Skeleton
+from addressed_dynamics.logs.hierarchy import ORDERS, Skeleton
 from addressed_dynamics.sources.motion.clips import read_clip, read_clips
 
 
@@ -74,6 +75,34 @@ def test_a_joint_order_and_a_rate_of_its_own_change_nothing(clip: Path, tmp_path
     one, other = read_clip(path), read_clip(clip)
     np.testing.assert_array_equal(one.x, other.x)
     np.testing.assert_array_equal(one.y, other.y)
+
+
+def test_the_same_poses_with_other_channels_in_every_clip_are_the_same_motion(clip: Path, tmp_path: Path) -> None:
+    bvh = read_bvh(clip)
+    generator = np.random.default_rng(0)
+    # The spine and the hands stay still; every other joint turns as before.
+    still = np.array(["Spine" in name or "Hand" in name for name in JOINTS])
+    rotations = bvh.rotations * ~still[:, None]
+    turns = Rotation.from_euler("ZYX", rotations.reshape(-1, 3)[:, ::-1], degrees=True)
+    full = [order for order in ORDERS if len(order) == 3]
+    for number, draw in enumerate([lambda: "zyx", lambda: "yxz", lambda: str(generator.choice(full))]):
+        orders = tuple("" if quiet and number else draw() for quiet in still)
+        angles = np.zeros_like(rotations)
+        for joint, order in enumerate(orders):
+            if order:
+                found = turns.as_euler(order.upper(), degrees=True).reshape(rotations.shape)[:, joint]
+                angles[:, joint, ["xyz".index(axis) for axis in order]] = found
+        for end in (".phase", ".gait", "_footsteps.txt"):
+            shutil.copy(clip.with_name(clip.stem + end), tmp_path / f"clip-{number}{end}")
+        path = tmp_path / f"clip-{number}.bvh"
+        write_bvh(path, Skeleton(JOINTS, PARENTS, OFFSETS, orders), bvh.positions[:, 0], angles, bvh.frame_time)
+    assert "CHANNELS 0" not in (tmp_path / "clip-0.bvh").read_text()
+    assert "CHANNELS 0\n" in path.read_text()
+    motions = list(read_clips(tmp_path))
+    assert len(motions) == 3
+    for motion in motions[1:]:
+        np.testing.assert_allclose(motion.x, motions[0].x, rtol=1e-4, atol=1e-4)
+        np.testing.assert_allclose(motion.y, motions[0].y, rtol=1e-4, atol=1e-4)
 
 
 def test_a_height_map_lowers_the_joints_and_leaves_crouching_to_the_labels(copy: Path) -> None:

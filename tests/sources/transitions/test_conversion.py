@@ -1,6 +1,7 @@
 """From logs to tables: the same rows, the same bytes, splits by segment, and errors that name the log."""
 
 import json
+import shutil
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -158,6 +159,28 @@ def test_episodes_are_called_by_their_log_and_their_number_in_it(tmp_path: Path)
     assert names[101] == "learner-env01-000#1"
 
 
+def test_different_recordings_with_the_same_numbers_are_converted_with_names_and_splits_of_their_own(
+    tmp_path: Path,
+) -> None:
+    parts = [write_part(tmp_path / "raw", name, [3, 4, 5, 6, 7], first=0) for name in ("a-0", "b-0", "c-0")]
+    tables = convert(tmp_path) / "tables"
+    episodes = read_episodes(tables / "episodes.parquet")
+    assert [each.episode for each in episodes] == list(range(15))
+    assert [each.name for each in episodes] == [f"{log}-0#{place}" for log in "abc" for place in range(5)]
+    whole = load_transitions(tables)
+    np.testing.assert_array_equal(whole.episode, np.repeat(np.arange(15), [3, 4, 5, 6, 7] * 3))
+    np.testing.assert_array_equal(whole.observation, np.concatenate([part.observation for part in parts]))
+    for split in SPLITS:
+        numbers = [each.episode for each in episodes if each.split == split]
+        assert set(load_transitions(tables, split).episode.tolist()) == set(numbers)
+    # Without the first recording the numbers are others, and names and splits the same.
+    (tmp_path / "raw" / "a-0.mcap").unlink()
+    fewer = {
+        each.name: each.split for each in read_episodes(convert(tmp_path, "fewer") / "tables" / "episodes.parquet")
+    }
+    assert fewer == {each.name: each.split for each in episodes[5:]}
+
+
 def test_statistics_are_those_of_the_training_episodes_alone(tmp_path: Path) -> None:
     write_recording(tmp_path / "raw")
     tables = convert(tmp_path) / "tables"
@@ -291,9 +314,13 @@ def test_no_logs_other_spaces_and_an_episode_in_two_logs_are_refused(tmp_path: P
     with pytest.raises(LogError, match=r"raw: expected MCAP logs .* run the record stage first"):
         convert(tmp_path)
     write_part(raw, "a-env00-000", [3, 3, 3], first=0)
-    write_part(raw, "b-env00-000", [3, 3, 3], first=2)
-    with pytest.raises(LogError, match=r"b-env00-000\.mcap: episode 2 is also in a-env00-000\.mcap"):
+    write_part(raw, "a-env00-001", [3, 3, 3], first=2)
+    with pytest.raises(LogError, match=r"a-env00-001\.mcap: episode 2 is also in a-env00-000\.mcap"):
         convert(tmp_path)
+    shutil.copy(raw / "a-env00-000.mcap", raw / "a-env00-001.mcap")
+    with pytest.raises(LogError, match=r"a-env00-001\.mcap: it is a copy of a-env00-000\.mcap"):
+        convert(tmp_path)
+    (raw / "a-env00-001.mcap").unlink()
     write_part(raw, "b-env00-000", [3], first=3, spec=replace(CAR, step_seconds=1.0))
     with pytest.raises(LogError, match=r"b-env00-000\.mcap: its spaces differ from those of a-env00-000\.mcap"):
         convert(tmp_path)

@@ -169,14 +169,18 @@ class TopicParams(Section):
 
 
 class McapSource(_Source):
-    """Topics of MCAP logs, brought to one clock.
+    """Topics of MCAP logs or of bags of ROS 2, brought to one clock.
 
     Unless a file is an episode, files that follow each other are one recording: recorders split what they write.
     """
 
     kind: Literal["mcap"]
     files: Files
-    """Patterns of file names, relative to the folder that the stage runs in; one, or a list."""
+    """Patterns of `.mcap` and `.db3` files, relative to the folder that the stage runs in, and of bags: folders with a
+    `metadata.yaml`, each of which is one recording. One pattern, or a list."""
+    types: Annotated[tuple[Text, ...], BeforeValidator(_one_or_more)] = ()
+    """Folders with `.msg` files, or such files, that define the messages of bags that do not carry the definitions. A
+    change of them makes the import run again if they lie in the folder that is imported."""
     tolerance_s: Positive
     """At a tick of the clock the newest value of a topic holds if it is not older than this, in seconds."""
     time: Clock = "log"

@@ -48,10 +48,11 @@ def from_euler(angles: Float64[np.ndarray, "*n 3"], order: str) -> Float64[np.nd
 
     Args:
         angles: about x, y and z, in rad.
-        order: the axes as the file lists them, for instance 'zyx'. The last is turned about first.
+        order: the axes as the file lists them, for instance 'zyx'. The last is turned about first. It is empty for a
+            joint that does not turn.
     """
     turns = [about(axis, angles[..., axis]) for axis in ("xyz".index(name) for name in order)]
-    return reduce(multiply, turns)
+    return reduce(multiply, turns or [about(0, np.zeros(angles.shape[:-1]))])
 
 
 def between(start: Float64[np.ndarray, "*n 3"], end: Float64[np.ndarray, "*n 3"]) -> Float64[np.ndarray, "*n 4"]:

@@ -30,6 +30,7 @@ from addressed_dynamics.episodes.statistics import Moments, Sample, column_names
 from addressed_dynamics.episodes.summary import data_report, split_sizes, write_learner_curve
 from addressed_dynamics.episodes.transitions import SpaceSpec, Transitions
 from addressed_dynamics.logs import EpisodeRecord, LogContents, read_episodes
+from addressed_dynamics.sources.transitions.numbering import NumberedLog, renumber, unique_numbers
 from addressed_dynamics.sources.transitions.params import ConvertParams
 
 LEARNER = "dqn"
@@ -47,10 +48,13 @@ class _LogSummary:
     """What the first reading of a log finds."""
 
     log: Path
+    recording: str
     segment: str
     behaviour: str
     spec: SpaceSpec
     episodes: tuple[EpisodeRecord, ...]
+    numbers: dict[int, int]
+    """The identifiers of its episodes in the tables, by those in the log."""
     ranges: Moments
     """Range of the observations, those after a step included."""
     sample: Sample
@@ -62,6 +66,7 @@ class _LogSummary:
         return replace(
             blocks[0],
             episodes=tuple(episode for block in blocks for episode in block.episodes),
+            numbers={own: number for block in blocks for own, number in block.numbers.items()},
             ranges=reduce(Moments.merge, [block.ranges for block in blocks]),
             sample=Sample.join([block.sample for block in blocks]),
         )
@@ -75,8 +80,10 @@ class _Job:
     spec: SpaceSpec
     target: Path
     """Folder for the files of all splits, which are called like the log."""
+    numbers: dict[int, int]
+    """The identifiers of the log's episodes in the tables, by those in the log."""
     splits: dict[int, Split]
-    """The split of each episode in the log."""
+    """The split of each episode, by its identifier in the tables."""
     segment: str
     low: Float64[np.ndarray, " dimension"]
     high: Float64[np.ndarray, " dimension"]
@@ -117,6 +124,9 @@ def convert_recording(
 ) -> None:
     """Convert the logs in the folder `recording`; the same logs give the same bytes.
 
+    The logs may be of different recordings, each with episodes from 0: see `numbering.unique_numbers`. The names of
+    episodes do not depend on their numbers.
+
     Args:
         recording: folder of logs.
         tables: folder for `transitions/<split>/<log>.parquet`, `episodes.parquet` and `statistics.json`; replaced
@@ -127,7 +137,8 @@ def convert_recording(
         progress: called with the number of transitions written since its last call.
 
     Raises:
-        LogError: there are no logs, or one is damaged.
+        LogError: there are no logs, one is damaged, or they do not fit together: their spaces differ, two of one
+            recording have the same episode, or one is a copy of another.
         TableError: a table cannot be written, no episode is left to train on, or something is wrong with the data
             that makes training on it useless.
     """
@@ -170,7 +181,6 @@ def _summaries(recording: Path, logs: Sequence[Path], ordered_map: OrderedMap) -
     if not summaries:
         message = f"{recording}: expected transitions, but all {len(logs)} logs are empty; run the record stage again"
         raise LogError(message)
-    owners: dict[int, Path] = {}
     for summary in summaries:
         if summary.spec != summaries[0].spec:
             message = (
@@ -178,12 +188,13 @@ def _summaries(recording: Path, logs: Sequence[Path], ordered_map: OrderedMap) -
                 "keep one environment per experiment"
             )
             raise LogError(message)
-        for episode in summary.episodes:
-            other = owners.setdefault(episode.episode, summary.log)
-            if other != summary.log:
-                message = f"{summary.log}: episode {episode.episode} is also in {other.name}; keep recordings apart"
-                raise LogError(message)
-    return summaries
+    numbers = unique_numbers([NumberedLog(each.log, each.recording, tuple(each.numbers)) for each in summaries])
+    return [_numbered(summary, own) for summary, own in zip(summaries, numbers, strict=True)]
+
+
+def _numbered(summary: _LogSummary, numbers: dict[int, int]) -> _LogSummary:
+    episodes = tuple(replace(each, episode=numbers[each.episode]) for each in summary.episodes)
+    return replace(summary, episodes=episodes, numbers=numbers)
 
 
 def _summarise(log: Path) -> _LogSummary:
@@ -194,10 +205,12 @@ def _summary_of(log: Path, block: LogContents) -> _LogSummary:
     transitions = block.transitions
     return _LogSummary(
         log=log,
+        recording=block.recording,
         segment=block.run.segment or log.stem,
         behaviour=block.run.behaviour,
         spec=transitions.spec,
         episodes=block.episodes,
+        numbers={each.episode: each.episode for each in block.episodes},
         ranges=Moments.of(transitions.observation).merge(Moments.of(transitions.next_observation)),
         sample=outlier_sample(transitions),
     )
@@ -257,6 +270,7 @@ def _jobs(
             log=summary.log,
             spec=summary.spec,
             target=folder / FOLDER,
+            numbers=summary.numbers,
             splits={record.episode: splits[record.episode] for record in summary.episodes},
             segment=summary.segment,
             low=low,
@@ -280,12 +294,13 @@ def _convert(job: _Job) -> _Figures:
 
 
 def _table(job: _Job, transitions: Transitions) -> TransitionTable:
-    identifiers, inverse = np.unique(transitions.episode, return_inverse=True)
     try:
-        codes = [SPLITS.index(job.splits[int(identifier)]) for identifier in identifiers]
+        transitions = renumber(transitions, job.numbers)
     except KeyError as error:
         message = f"{job.log}: episode {error} has transitions but no record of its end; run the record stage again"
         raise LogError(message) from error
+    identifiers, inverse = np.unique(transitions.episode, return_inverse=True)
+    codes = [SPLITS.index(job.splits[int(identifier)]) for identifier in identifiers]
     return TransitionTable(transitions, np.array(codes, dtype=np.int8)[inverse], job.segment)
 
 
