@@ -318,3 +318,33 @@ def test_exogenous_inputs_are_listed_with_their_ranges_and_their_role(tmp_path: 
 
 def test_a_report_without_exogenous_inputs_does_not_speak_of_them(report: Report) -> None:
     assert "exogenous" not in render_markdown(report).lower()
+
+
+BLOCKS = {
+    "episodes": 1,
+    "blocks": 20,
+    "steps": {"mean": 99.9, "median": 100.0, "min": 99.0, "max": 100.0},
+    "gap_steps": 20,
+    "gaps": 9,
+    "dropped": 180,
+}
+
+
+def data_section(folder: Path, blocks: dict[str, Any]) -> str:
+    figures, arrays = write_results(folder)
+    (folder / FILES["data.json"]).write_text(json.dumps(DATA | {"blocks": blocks}))
+    text = render_markdown(build_report(load_results(figures, arrays), origin(CAR), CAR_PAPER))
+    return text.partition("## The data")[2].partition("## Data quality")[0]
+
+
+def test_a_recording_that_was_cut_in_blocks_says_how_long_they_are_and_what_was_dropped(tmp_path: Path) -> None:
+    text = data_section(tmp_path, BLOCKS)
+    assert "One long episode was cut in 20 blocks in time of 99 to 100 steps" in text
+    assert "180 steps (9.0\u202f%) were dropped in gaps of 20 steps at the 9 borders" in text
+    assert "Blocks and the episodes without any are kept whole" in text
+
+
+def test_where_no_episode_was_long_enough_for_blocks_the_report_says_so(tmp_path: Path) -> None:
+    text = data_section(tmp_path, BLOCKS | {"episodes": 0, "blocks": 0, "steps": None, "gaps": 0, "dropped": 0})
+    assert "No episode was long enough to be cut in blocks in time." in text
+    assert "What was recorded. Episodes are kept whole" in text

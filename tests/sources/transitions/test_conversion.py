@@ -302,7 +302,9 @@ def test_no_logs_other_spaces_and_an_episode_in_two_logs_are_refused(tmp_path: P
 def test_nothing_to_train_on_is_an_error(tmp_path: Path) -> None:
     write_part(tmp_path / "raw", "a-env00-000", [3], first=0)
     seed = next(seed for seed in range(50) if episode_places(["a-env00-000#0"], seed)[0] < PARAMS.test_share)
-    with pytest.raises(TableError, match="none of its 1 episodes is left to train on"):
+    with pytest.raises(
+        TableError, match="raw: its only episode leaves nothing for training and validation; record more"
+    ):
         convert(tmp_path, params=PARAMS.model_copy(update={"split_seed": seed}))
 
 

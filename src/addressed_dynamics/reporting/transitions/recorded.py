@@ -23,6 +23,26 @@ class SplitResult(Record):
     transitions: int
 
 
+class Lengths(Record):
+    """Lengths in steps."""
+
+    median: float
+    min: float
+    max: float
+
+
+class BlocksResult(Record):
+    """What became of long episodes that were cut in blocks in time."""
+
+    episodes: int
+    blocks: int
+    steps: Lengths | None
+    """Of the blocks; None if there are none."""
+    gap_steps: int
+    gaps: int
+    dropped: int
+
+
 class Coverage(Record):
     """How much of the state space the data has seen."""
 
@@ -87,5 +107,7 @@ class DataResult(Record):
     quality: tuple[FindingResult, ...]
     exogenous: dict[str, RangeResult] = Field(default_factory=dict)
     """The exogenous inputs by name; none in most worlds."""
+    blocks: BlocksResult | None = None
+    """None if episodes are split whole."""
     imported: ImportResult | None = Field(default=None, alias="import")
     """None if the data was recorded by this project."""
