@@ -261,6 +261,15 @@ def test_what_the_import_counted_is_in_the_report(tmp_path: Path) -> None:
     assert report["quality"][-1]["count"] == 2
 
 
+def test_warnings_of_the_import_are_counted_in_the_report(tmp_path: Path) -> None:
+    write_recording(tmp_path / "raw")
+    details = {"x.mcap": {"warnings": ["slow", "late"]}, "y.mcap": {"warnings": []}, "z.mcap": {"warnings": ["far"]}}
+    record = {"files": {"x.mcap": {"read": 9}}, "totals": {"read": 9}, "details": details}
+    (tmp_path / "raw" / "import.json").write_text(json.dumps(record))
+    report = json.loads((convert(tmp_path) / "reports" / "data.json").read_text())
+    assert report["import"] == record | {"warnings": 3}
+
+
 @pytest.mark.parametrize("text", ["", "[]", '{"files": {"x": 3}, "totals": {}}'])
 def test_a_malformed_record_of_an_import_is_refused_in_one_line(tmp_path: Path, text: str) -> None:
     write_recording(tmp_path / "raw")

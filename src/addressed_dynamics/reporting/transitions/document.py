@@ -15,7 +15,7 @@ from addressed_dynamics.reporting.transitions.figures import comparison, episode
 from addressed_dynamics.reporting.transitions.figures.angles import angle_forms
 from addressed_dynamics.reporting.transitions.origin import Origin, run_facts
 from addressed_dynamics.reporting.transitions.paper import PaperFigures
-from addressed_dynamics.reporting.transitions.quality import quality_blocks
+from addressed_dynamics.reporting.transitions.quality import quality_blocks, warning_paragraphs
 from addressed_dynamics.reporting.transitions.recipes import recipes_table
 from addressed_dynamics.reporting.transitions.recorded import BlocksResult
 from addressed_dynamics.reporting.transitions.results import Results
@@ -98,9 +98,10 @@ def _data_blocks(results: Results) -> tuple[Block, ...]:
                 f"Of the last 100 episodes of the DQN of segment {name}, {percent(share, 0)} ended inside the task, "
                 "before the limit of time."
             )
+    warnings = warning_paragraphs(data.imported) if data.imported else ()
     figure = curves.learner_returns(results.learner, learners)
     return (
-        Text((" ".join(sentences),)),
+        Text((" ".join(sentences), *warnings)),
         tables.segment_table(data),
         *([tables.exogenous_table(data)] if data.exogenous else []),
         *([figure] if figure else []),

@@ -156,7 +156,7 @@ def convert_recording(
         report = _report(summaries, recorded, sizes, ranges, figures)
         if params.split == "blocks":
             report["blocks"] = block_figures(planned, params.gap_steps).to_json()
-        report |= {"quality": findings_to_json(findings)} | ({"import": imported.model_dump()} if imported else {})
+        report |= {"quality": findings_to_json(findings)} | ({"import": imported.to_json()} if imported else {})
         write_json(reports / "data.json", report)
         _write_learner(reports / "learner.csv", summaries, recorded)
 
