@@ -18,7 +18,7 @@ from addressed_dynamics.base.errors import TableError
 from addressed_dynamics.episodes.coverage import CELLS, Occupancy, count_duplicates, row_fingerprints
 from addressed_dynamics.episodes.index import Episode, read_episodes, write_episodes
 from addressed_dynamics.episodes.statistics import Moments, column_names, column_values
-from addressed_dynamics.episodes.summary import data_report, write_learner_curve
+from addressed_dynamics.episodes.summary import data_report, split_sizes, write_learner_curve
 
 values = arrays(np.float32, st.tuples(st.integers(0, 30), st.just(3)), elements=st.floats(-100, 100, width=32))
 
@@ -126,6 +126,7 @@ def report(episodes: list[Episode]) -> dict[str, Any]:
         CAR,
         episodes,
         {"learner": "dqn"},
+        splits=split_sizes(episodes),
         ranges=[(-1.2, 0.6), (-0.07, 0.07)],
         occupancy=Occupancy.of(observation, low, high),
         duplicates=3,

@@ -102,6 +102,37 @@ def test_the_stage_leaves_whole_recordings_or_the_one_before(tmp_path: Path, mon
     assert [each.name for each in (tmp_path / "data" / "raw").iterdir()] == ["car"]
 
 
+@pytest.mark.parametrize(
+    ("files", "rate_hz", "words"),
+    [
+        (1, 10.0, "transitions were imported; "),
+        (1, 100.0, "imported with one warning; "),
+        (2, 100.0, "with 2 warnings; "),
+    ],
+)
+def test_the_stage_says_how_many_warnings_there_were_and_the_first_in_full(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    files: int,
+    rate_hz: float,
+    words: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    save(tmp_path, **dict(zip("ab"[:files], [json_log(states_and_commands())] * files, strict=True)))
+    line = import_data.main(car(params_file(tmp_path, source=SOURCE | {"rate_hz": rate_hz})))
+    assert words in line
+    said = [each for each in capsys.readouterr().err.splitlines() if "warning" in each]
+    if rate_hz == 10.0:
+        assert said == []
+    else:
+        (first,) = said
+        assert first.startswith(
+            "car: warning: logs/a.mcap: the clock ticks at 100 Hz, but /joint_states has 20 messages"
+        )
+        assert first.endswith("lower rate_hz")
+
+
 def test_one_pattern_of_files_may_stand_alone(tmp_path: Path) -> None:
     file = params_file(tmp_path, source=SOURCE | {"files": "logs/*.mcap"})
     assert load_source_params(file, "car", "transitions").files == ("logs/*.mcap",)
@@ -144,7 +175,7 @@ def test_the_examples_of_sources_are_sources(tmp_path: Path, kind: str) -> None:
         ({"clock": {}}, "car.source.clock: a clock is a time or counts rows"),
         ({"separator": ",,"}, "car.source.separator: "),
         ({"decimal": ","}, "car.source: separator and decimal are both ','"),
-        ({"episode": {"by": "end"}}, "car.source: episode: {by: end} needs a column"),
+        ({"episode": {"by": "end"}}, "car.source: episode: {by: end} needs a field"),
     ],
 )
 def test_choices_of_tables_that_contradict_each_other_are_refused(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -22,11 +23,23 @@ class ImportRecord(BaseModel):
     @property
     def origins(self) -> dict[str, str]:
         """The file that was imported, by the name of the log it became; a log without a record is not in it."""
+        return {each["log"]: origin for origin, each in self._details.items() if isinstance(each.get("log"), str)}
+
+    @property
+    def warnings(self) -> list[str]:
+        """What the import warned of, each with the file that was imported."""
+        return [f"{origin}: {line}" for origin, each in self._details.items() for line in each.get("warnings") or ()]
+
+    @property
+    def _details(self) -> dict[str, dict[str, Any]]:
+        """What else the record says of each file."""
         details = (self.model_extra or {}).get("details")
         pairs = details.items() if isinstance(details, dict) else ()
-        return {
-            each["log"]: origin for origin, each in pairs if isinstance(each, dict) and isinstance(each.get("log"), str)
-        }
+        return {origin: each for origin, each in pairs if isinstance(each, dict)}
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the record as JSON-compatible values, with the number of warnings if there are any."""
+        return self.model_dump() | ({"warnings": len(self.warnings)} if self.warnings else {})
 
     @property
     def other_rates(self) -> dict[str, float]:

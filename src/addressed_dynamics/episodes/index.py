@@ -37,11 +37,13 @@ class Episode:
     episode: int
     """Identifier, unique in a recording."""
     name: str
-    """Stable name, which its split depends on: the name of its file and its number in it, for instance `run-7#0`."""
+    """Stable name, which its split depends on: the name of its file and its number in it, for instance `run-7#0`; of a
+    block of an episode also its number in that, `run-7#0.3`."""
     segment: str
     """Name of the part of the recording plan that it comes from."""
-    split: Split
-    """Whether it serves training, choosing or testing."""
+    split: Split | None
+    """Whether it serves training, choosing or testing; None for an episode that is cut in blocks, which have their own.
+    The tables hold the blocks alone."""
     seed: int | None
     """The seed that the environment was reset with; None if its generator went on."""
     length: int
@@ -49,7 +51,7 @@ class Episode:
     total_reward: float
     """Sum of the rewards; the column `return`."""
     ended: Ended
-    """`terminated` inside the task (at the goal), `truncated` by a limit, or `cut` by the end of the recording."""
+    """`terminated` inside the task (at the goal), `truncated` by a limit, or `cut` by the end of recording or block."""
     end_time_ns: int
     """Simulated time of its last transition, in nanoseconds."""
 

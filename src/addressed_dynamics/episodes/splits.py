@@ -39,6 +39,40 @@ def assign_splits(names: Sequence[str], *, seed: int, validation_share: float, t
     places = episode_places(names, seed)
     tests = int((places < test_share).sum())
     not_training = int((places < test_share + validation_share).sum())
+    return _lowest_first(places, tests, not_training, validation_share=validation_share, test_share=test_share)
+
+
+def assign_blocks(names: Sequence[str], *, seed: int, validation_share: float, test_share: float) -> list[Split]:
+    """Give each block of one episode its split, as near to the shares as whole blocks allow.
+
+    The blocks with the lowest places are for testing, those above them for validation, the rest for training; of at
+    least three blocks each split that has a share gets one. The blocks of an episode are always the same ones, so its
+    splits depend on nothing but its name and their number.
+
+    Args:
+        names: stable names of the blocks, without repetitions.
+        seed: seed of the hash; see `episode_places`.
+        validation_share: share of the blocks that are for validation.
+        test_share: share of the blocks that are for testing.
+
+    Returns:
+        The split of each block, in the order of `names`.
+    """
+    places = episode_places(names, seed)
+    tests = round(len(names) * test_share)
+    not_training = round(len(names) * (test_share + validation_share))
+    return _lowest_first(places, tests, not_training, validation_share=validation_share, test_share=test_share)
+
+
+def _lowest_first(
+    places: Float64[np.ndarray, " episode"],
+    tests: int,
+    not_training: int,
+    *,
+    validation_share: float,
+    test_share: float,
+) -> list[Split]:
+    """Give the lowest places to the splits that are held out; of at least three, each split with a share gets one."""
     if len(places) >= len(SPLITS):
         lowest_tests, lowest_validations = int(test_share > 0), int(validation_share > 0)
         tests = max(tests, lowest_tests)

@@ -6,6 +6,7 @@ import csv
 import io
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,11 +24,39 @@ BLOCKS = 10
 """Number of equal blocks of episodes in which a segment's returns are averaged, to show learning."""
 
 
+@dataclass(frozen=True)
+class BlockFigures:
+    """What became of long episodes that were cut in blocks in time."""
+
+    episodes: int
+    """Episodes that were cut."""
+    lengths: tuple[int, ...]
+    """Steps of each block, those that are dropped at its ends included."""
+    gap_steps: int
+    """Steps that are dropped between blocks of different splits."""
+    gaps: int
+    """How often that happened."""
+    dropped: int
+    """Steps that were dropped."""
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the figures as JSON-compatible values."""
+        return {
+            "episodes": self.episodes,
+            "blocks": len(self.lengths),
+            "steps": _spread(self.lengths),
+            "gap_steps": self.gap_steps,
+            "gaps": self.gaps,
+            "dropped": self.dropped,
+        }
+
+
 def data_report(
     spec: SpaceSpec,
     episodes: Sequence[Episode],
     behaviours: Mapping[str, str],
     *,
+    splits: Mapping[str, Mapping[str, int]],
     ranges: Sequence[tuple[float, float]],
     occupancy: Occupancy,
     duplicates: int,
@@ -39,6 +68,7 @@ def data_report(
         spec: what the numbers mean.
         episodes: all episodes of the recording; at least one.
         behaviours: who acted, by segment.
+        splits: what each split has of them, from `split_sizes`.
         ranges: lowest and highest value of each dimension of the observation.
         occupancy: which cells of the state space hold data.
         duplicates: number of rows whose observation, action and exogenous inputs are exactly those of an earlier row.
@@ -51,7 +81,7 @@ def data_report(
     return {
         "transitions": transitions,
         "episodes": _episode_figures(episodes),
-        "splits": split_sizes(episodes),
+        "splits": splits,
         "segments": {
             name: {"behaviour": behaviour, **_segment_figures(by_segment[name])}
             for name, behaviour in behaviours.items()
@@ -64,7 +94,7 @@ def data_report(
 
 
 def split_sizes(episodes: Sequence[Episode]) -> dict[str, dict[str, int]]:
-    """Return the number of episodes and of transitions in each split."""
+    """Return how many of the episodes, and of their transitions, each split has."""
     sizes: dict[str, dict[str, int]] = {}
     for split in SPLITS:
         lengths = [episode.length for episode in episodes if episode.split == split]

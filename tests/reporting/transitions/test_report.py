@@ -247,7 +247,8 @@ def test_each_finding_has_its_place_and_says_whether_training_goes_on() -> None:
 @pytest.mark.parametrize(("files", "headers"), [(1, ["arm-0.mcap"]), (2, ["all files", "arm-0.mcap", "arm-1.mcap"])])
 def test_an_import_has_its_counts_by_file(files: int, headers: list[str]) -> None:
     counts = {f"logs/arm-{index}.mcap": {"messages": 1000, "odd_ones": index} for index in range(files)}
-    _, table = section({"import": {"files": counts, "totals": {"messages": 1000 * files}, "details": {"rate": 3}}})
+    details = {name: {"encodings": {"/state": "cdr"}} for name in counts}
+    *_, table = section({"import": {"files": counts, "totals": {"messages": 1000 * files}, "details": details}})
     assert isinstance(table, Table)
     assert [column.header for column in table.columns] == ["Count", "what it is", *headers]
     messages, odd = (row.cells for row in table.rows)
@@ -257,10 +258,79 @@ def test_an_import_has_its_counts_by_file(files: int, headers: list[str]) -> Non
 
 def test_an_import_of_many_files_has_its_totals_alone() -> None:
     counts = {f"logs/arm-{index}.mcap": {"messages": 1000} for index in range(40)}
-    _, table = section({"import": {"files": counts, "totals": {"messages": 40_000}}})
+    *_, table = section({"import": {"files": counts, "totals": {"messages": 40_000}}})
     assert isinstance(table, Table)
     assert [row.cells[2:] for row in table.rows] == [("40,000",)]
     assert "40 files" in table.caption
+
+
+def clock_words(**imported: Any) -> str:
+    counts = {"messages": 1000} | imported.pop("counts", {})
+    _, text, _ = section({"import": {"files": {"a": counts}, "totals": counts, "rate_hz": 20.0} | imported})
+    assert isinstance(text, Text)
+    return text.paragraphs[0]
+
+
+def test_an_import_that_looked_at_the_times_says_what_they_are() -> None:
+    topics = [
+        {"/state": {"measured_hz": 99.8}, "/goal": {"measured_hz": None}, "/command": {"measured_hz": 40.02}},
+        {"/state": {"measured_hz": 100.4}, "/goal": {"measured_hz": None}, "/command": {"measured_hz": 40.01}},
+    ]
+    details = {f"{number}.mcap": {"topics": each} for number, each in enumerate(topics)}
+    text = clock_words(kind="mcap", counts={"ticks": 900}, details=details)
+    assert text.startswith("The clock of the transitions was made by the import from rate_hz (20 Hz)")
+    assert "The logs' own times were looked at" in text
+    assert text.endswith("Messages a second: 99.8 to 100 on /state, 40 on /command.")
+    text = clock_words(kind="csv", counts={"gaps": 0}, details={"a.csv": {"measured_hz": 19.99}})
+    assert "The clock of the tables was looked at" in text
+    assert text.endswith("Rows a second: 20.")
+
+
+@pytest.mark.parametrize(
+    ("kind", "why"),
+    [
+        ("csv", "the table has no time column that the source names"),
+        ("parquet", "the table has no time column that the source names"),
+        ("minari", "the source has none"),
+    ],
+)
+def test_an_import_that_did_not_look_at_the_times_says_that_nobody_did(kind: str, why: str) -> None:
+    assert f"Nobody looked at the times: {why}." in clock_words(kind=kind)
+
+
+def test_the_clock_of_an_import_is_never_praised() -> None:
+    imported = {"files": {"a.csv": {"rows": 10}}, "totals": {"rows": 10}}
+    whole, *_ = section({"import": imported})
+    faulty, *_ = section({"import": imported, "quality": FINDINGS[1:]})
+    assert isinstance(whole, Text)
+    assert isinstance(faulty, Table)
+    for text in (whole.paragraphs[0], faulty.caption):
+        assert "uneven" not in text
+        assert "clock" not in text
+    (recorded,), (table,) = section({}), section({"quality": FINDINGS[1:]})
+    assert isinstance(recorded, Text)
+    assert isinstance(table, Table)
+    assert "the clock ticks evenly" in recorded.paragraphs[0]
+    assert "uneven time steps and gaps" in table.caption
+
+
+@pytest.mark.parametrize(
+    ("warnings", "first", "last"),
+    [
+        (1, "The import ended with a warning.", "a.mcap: slow 0."),
+        (7, "The import ended with 7 warnings.", "2 more are in the import's account, import.json."),
+    ],
+)
+def test_warnings_of_the_import_are_in_the_section_on_the_data(
+    tmp_path: Path, warnings: int, first: str, last: str
+) -> None:
+    details = {"a.mcap": {"warnings": [f"slow {number}" for number in range(warnings)]}, "b.mcap": {"warnings": []}}
+    record = {"files": {"a.mcap": {"messages": 9}, "b.mcap": {"messages": 9}}, "totals": {"messages": 18}}
+    text = data_section(tmp_path, {"import": record | {"details": details}})
+    paragraphs = text.split("\n\n")
+    place = paragraphs.index(first)
+    assert paragraphs[place + 1] == "a.mcap: slow 0."
+    assert paragraphs[place + min(warnings, 6)] == last
 
 
 def test_the_quality_of_the_data_is_a_section_of_the_report(report: Report) -> None:
@@ -318,3 +388,34 @@ def test_exogenous_inputs_are_listed_with_their_ranges_and_their_role(tmp_path: 
 
 def test_a_report_without_exogenous_inputs_does_not_speak_of_them(report: Report) -> None:
     assert "exogenous" not in render_markdown(report).lower()
+
+
+BLOCKS = {
+    "episodes": 1,
+    "blocks": 20,
+    "steps": {"mean": 99.9, "median": 100.0, "min": 99.0, "max": 100.0},
+    "gap_steps": 20,
+    "gaps": 9,
+    "dropped": 180,
+}
+
+
+def data_section(folder: Path, changes: dict[str, Any]) -> str:
+    figures, arrays = write_results(folder)
+    (folder / FILES["data.json"]).write_text(json.dumps(DATA | changes))
+    text = render_markdown(build_report(load_results(figures, arrays), origin(CAR), CAR_PAPER))
+    return text.partition("## The data")[2].partition("## Data quality")[0]
+
+
+def test_a_recording_that_was_cut_in_blocks_says_how_long_they_are_and_what_was_dropped(tmp_path: Path) -> None:
+    text = data_section(tmp_path, {"blocks": BLOCKS})
+    assert "One long episode was cut in 20 blocks in time of 99 to 100 steps" in text
+    assert "180 steps (9.0\u202f%) were dropped in gaps of 20 steps at the 9 borders" in text
+    assert "Blocks and the episodes without any are kept whole" in text
+
+
+def test_where_no_episode_was_long_enough_for_blocks_the_report_says_so(tmp_path: Path) -> None:
+    none = BLOCKS | {"episodes": 0, "blocks": 0, "steps": None, "gaps": 0, "dropped": 0}
+    text = data_section(tmp_path, {"blocks": none})
+    assert "No episode was long enough to be cut in blocks in time." in text
+    assert "What was recorded. Episodes are kept whole" in text

@@ -284,6 +284,15 @@ def test_what_the_import_counted_is_in_the_report(tmp_path: Path) -> None:
     assert report["quality"][-1]["count"] == 2
 
 
+def test_warnings_of_the_import_are_counted_in_the_report(tmp_path: Path) -> None:
+    write_recording(tmp_path / "raw")
+    details = {"x.mcap": {"warnings": ["slow", "late"]}, "y.mcap": {"warnings": []}, "z.mcap": {"warnings": ["far"]}}
+    record = {"files": {"x.mcap": {"read": 9}}, "totals": {"read": 9}, "details": details}
+    (tmp_path / "raw" / "import.json").write_text(json.dumps(record))
+    report = json.loads((convert(tmp_path) / "reports" / "data.json").read_text())
+    assert report["import"] == record | {"warnings": 3}
+
+
 @pytest.mark.parametrize("text", ["", "[]", '{"files": {"x": 3}, "totals": {}}'])
 def test_a_malformed_record_of_an_import_is_refused_in_one_line(tmp_path: Path, text: str) -> None:
     write_recording(tmp_path / "raw")
@@ -329,7 +338,9 @@ def test_no_logs_other_spaces_and_an_episode_in_two_logs_are_refused(tmp_path: P
 def test_nothing_to_train_on_is_an_error(tmp_path: Path) -> None:
     write_part(tmp_path / "raw", "a-env00-000", [3], first=0)
     seed = next(seed for seed in range(50) if episode_places(["a-env00-000#0"], seed)[0] < PARAMS.test_share)
-    with pytest.raises(TableError, match="none of its 1 episodes is left to train on"):
+    with pytest.raises(
+        TableError, match="raw: its only episode leaves nothing for training and validation; record more"
+    ):
         convert(tmp_path, params=PARAMS.model_copy(update={"split_seed": seed}))
 
 

@@ -15,8 +15,9 @@ from addressed_dynamics.reporting.transitions.figures import comparison, episode
 from addressed_dynamics.reporting.transitions.figures.angles import angle_forms
 from addressed_dynamics.reporting.transitions.origin import Origin, run_facts
 from addressed_dynamics.reporting.transitions.paper import PaperFigures
-from addressed_dynamics.reporting.transitions.quality import quality_blocks
+from addressed_dynamics.reporting.transitions.quality import quality_blocks, warning_paragraphs
 from addressed_dynamics.reporting.transitions.recipes import recipes_table
+from addressed_dynamics.reporting.transitions.recorded import BlocksResult
 from addressed_dynamics.reporting.transitions.results import Results
 from addressed_dynamics.reporting.transitions.targets import judge_targets
 from addressed_dynamics.reporting.transitions.verdict import findings, verdict
@@ -88,6 +89,8 @@ def _data_blocks(results: Results) -> tuple[Block, ...]:
         f"{data.transitions:,} transitions were recorded. In a grid of {coverage.cells_per_dimension} cells per "
         f"dimension they visit {cells}{plane}. {percent(data.duplicates.share)} of them repeat an earlier {whole}."
     ]
+    if data.blocks:
+        sentences.append(_blocks_sentence(data.blocks, data.transitions))
     for name in learners:
         share = data.segments[name].terminated_share_last_100
         if share is not None:
@@ -95,12 +98,28 @@ def _data_blocks(results: Results) -> tuple[Block, ...]:
                 f"Of the last 100 episodes of the DQN of segment {name}, {percent(share, 0)} ended inside the task, "
                 "before the limit of time."
             )
+    warnings = warning_paragraphs(data.imported) if data.imported else ()
     figure = curves.learner_returns(results.learner, learners)
     return (
-        Text((" ".join(sentences),)),
+        Text((" ".join(sentences), *warnings)),
         tables.segment_table(data),
         *([tables.exogenous_table(data)] if data.exogenous else []),
         *([figure] if figure else []),
+    )
+
+
+def _blocks_sentence(blocks: BlocksResult, transitions: int) -> str:
+    """Say what became of long episodes."""
+    if blocks.steps is None:
+        return "No episode was long enough to be cut in blocks in time."
+    low, high = round(blocks.steps.min), round(blocks.steps.max)
+    steps = f"{low:,}" if low == high else f"{low:,} to {high:,}"
+    episodes = "One long episode was" if blocks.episodes == 1 else f"{blocks.episodes:,} long episodes were"
+    return (
+        f"{episodes} cut in {blocks.blocks:,} blocks in time of {steps} steps, each of which is for training, "
+        "validation or testing as a whole; where models are trained and judged, an episode is such a block. "
+        f"{blocks.dropped:,} steps ({percent(blocks.dropped / transitions)}) were dropped in gaps of "
+        f"{blocks.gap_steps:,} steps at the {blocks.gaps:,} borders between blocks of different splits."
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import PurePath
 
 from addressed_dynamics.reporting.common.blocks import Block, Column, Row, Table, Text
@@ -10,6 +11,10 @@ from addressed_dynamics.reporting.transitions.recorded import DataResult, Findin
 
 FILES_SHOWN = 6
 """Imported files up to which each has a column of its own."""
+WARNINGS_SHOWN = 5
+"""Warnings of an import that are shown in full."""
+TABLES = ("csv", "parquet")
+"""Kinds of sources that may have a column of times."""
 COUNTERS = {
     "messages": "messages of the topics that are used",
     "rows": "rows of the tables",
@@ -41,15 +46,64 @@ def quality_blocks(data: DataResult) -> tuple[Block, ...]:
     """Return the section's tables; without findings a sentence says that there are none."""
     blocks: list[Block] = [_finding_table(data)] if data.quality else [Text((_nothing_found(data),))]
     if data.imported:
-        blocks.append(_import_table(data.imported))
+        blocks += [Text((_clock_words(data.imported),)), _import_table(data.imported)]
     return tuple(blocks)
 
 
+def warning_paragraphs(imported: ImportResult) -> tuple[str, ...]:
+    """Return what the import warned of, a paragraph for each of the first warnings; empty if it did not."""
+    lines = [f"{origin}: {line}." for origin, each in imported.details.items() for line in each.warnings]
+    if not lines:
+        return ()
+    number = "a warning" if len(lines) == 1 else f"{len(lines):,} warnings"
+    more = len(lines) - WARNINGS_SHOWN
+    rest = (f"{more:,} more are in the import's account, import.json.",) if more > 0 else ()
+    return (f"The import ended with {number}.", *lines[:WARNINGS_SHOWN], *rest)
+
+
 def _nothing_found(data: DataResult) -> str:
+    # An imported clock is even whatever the logs are like: to say so would be empty praise.
+    clock = "" if data.imported else "the clock ticks evenly, "
     return (
-        f"Nothing was found wrong with the {data.transitions:,} transitions: the clock ticks evenly, no dimension is "
-        "stuck, no value is out of bounds or far from all others, and no transition is there twice."
+        f"Nothing was found wrong with the {data.transitions:,} transitions: {clock}no dimension is stuck, no value is "
+        "out of bounds or far from all others, and no transition is there twice."
     )
+
+
+def _clock_words(imported: ImportResult) -> str:
+    """Say who made the clock, and whether anybody looked at the times that the logs or tables themselves have."""
+    rate = "" if imported.rate_hz is None else f" ({imported.rate_hz:g} Hz)"
+    made = f"The clock of the transitions was made by the import from rate_hz{rate}: it is even whatever the data are."
+    if "ticks" in imported.totals:
+        rates = _topic_rates(imported)
+        found = f" Messages a second: {rates}." if rates else ""
+        return (
+            f"{made} The logs' own times were looked at: a tick at which a topic had nothing new enough was dropped, "
+            f"and what was late or out of order is counted below.{found}"
+        )
+    if "gaps" in imported.totals:
+        rates = _span([each.measured_hz for each in imported.details.values() if each.measured_hz is not None])
+        found = f" Rows a second: {rates}." if rates else ""
+        return (
+            f"{made} The clock of the tables was looked at: a step that is not one period long begins another episode, "
+            f"and is counted below.{found}"
+        )
+    why = "the table has no time column that the source names" if imported.kind in TABLES else "the source has none"
+    return f"{made} Nobody looked at the times: {why}. Each row was taken for one step after the row before it."
+
+
+def _topic_rates(imported: ImportResult) -> str:
+    """Return how often each topic spoke, over all files."""
+    rates: dict[str, list[float]] = {}
+    for each in imported.details.values():
+        for topic, details in each.topics.items():
+            rates.setdefault(topic, []).extend([] if details.measured_hz is None else [details.measured_hz])
+    return ", ".join(f"{_span(found)} on {topic}" for topic, found in rates.items() if found)
+
+
+def _span(rates: Sequence[float]) -> str:
+    ends = [f"{rate:.3g}" for rate in (min(rates), max(rates))] if rates else []
+    return " to ".join(dict.fromkeys(ends))
 
 
 def _finding_table(data: DataResult) -> Table:
@@ -64,12 +118,13 @@ def _finding_table(data: DataResult) -> Table:
         Column("value", "first found in"),
         Column("training", numeric=False),
     )
+    clock = "" if data.imported else "uneven time steps and gaps, "
     caption = (
         f"What may be wrong with the {data.transitions:,} transitions, how often, and where first. Each count is a "
         "share of all that were looked at: steps, episodes, values or parts of a range. Values are in the unit of "
-        "their dimension, times in seconds. Whatever is not in the table was looked for and not found: uneven time "
-        "steps and gaps, dimensions that are stuck, values out of bounds or far from all others, repeated "
-        "transitions, and parts of a range without data."
+        f"their dimension, times in seconds. Whatever is not in the table was looked for and not found: {clock}"
+        "dimensions that are stuck, values out of bounds or far from all others, repeated transitions, and parts of a "
+        "range without data."
     )
     return Table(caption, columns, tuple(_finding_row(finding) for finding in data.quality))
 

@@ -23,6 +23,26 @@ class SplitResult(Record):
     transitions: int
 
 
+class Lengths(Record):
+    """Lengths in steps."""
+
+    median: float
+    min: float
+    max: float
+
+
+class BlocksResult(Record):
+    """What became of long episodes that were cut in blocks in time."""
+
+    episodes: int
+    blocks: int
+    steps: Lengths | None
+    """Of the blocks; None if there are none."""
+    gap_steps: int
+    gaps: int
+    dropped: int
+
+
 class Coverage(Record):
     """How much of the state space the data has seen."""
 
@@ -58,11 +78,34 @@ class FindingResult(Record):
     blocking: bool
 
 
+class TopicDetails(Record):
+    """What the import found of a topic."""
+
+    measured_hz: float | None = None
+    """Its messages a second; None if it has too few."""
+
+
+class FileDetails(Record):
+    """What the import found in a file."""
+
+    topics: dict[str, TopicDetails] = Field(default_factory=dict)
+    """The topics of a log; none in a table."""
+    measured_hz: float | None = None
+    """Rows of a table a second; None if nothing says when they were recorded."""
+    warnings: tuple[str, ...] = ()
+
+
 class ImportResult(Record):
     """What the import of foreign logs counted."""
 
     files: dict[str, dict[str, int]]
     totals: dict[str, int]
+    kind: str = ""
+    """The kind of the source, for instance `mcap`."""
+    rate_hz: float | None = None
+    """Steps in a second, as the source says."""
+    details: dict[str, FileDetails] = Field(default_factory=dict)
+    """What else is known, by file."""
 
 
 class RangeResult(Record):
@@ -87,5 +130,7 @@ class DataResult(Record):
     quality: tuple[FindingResult, ...]
     exogenous: dict[str, RangeResult] = Field(default_factory=dict)
     """The exogenous inputs by name; none in most worlds."""
+    blocks: BlocksResult | None = None
+    """None if episodes are split whole."""
     imported: ImportResult | None = Field(default=None, alias="import")
     """None if the data was recorded by this project."""

@@ -260,7 +260,8 @@ def segment_table(data: DataResult) -> Table:
     splits = listed(
         [f"{each.episodes:,} ({each.transitions:,} transitions) for {name}" for name, each in data.splits.items()]
     )
-    caption = f"What was recorded. Episodes are kept whole when the data is split: {splits}."
+    kept_whole = "Blocks and the episodes without any" if data.blocks and data.blocks.blocks else "Episodes"
+    caption = f"What was recorded. {kept_whole} are kept whole when the data is split: {splits}."
     if learned:
         columns.append(Column("ended inside the task, last 100"))
         for row, segment in zip(rows, data.segments.values(), strict=True):

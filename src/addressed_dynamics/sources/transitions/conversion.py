@@ -6,7 +6,7 @@ depends on all of its episodes; then to be written. Reading costs little, and no
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from pathlib import Path, PurePath
@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64, UInt64
 
-from addressed_dynamics.base.errors import LogError, TableError
+from addressed_dynamics.base.errors import LogError
 from addressed_dynamics.base.files import atomic_path, write_json
 from addressed_dynamics.base.processes import OrderedMap, worker_processes
 from addressed_dynamics.episodes.bounds import display_range
@@ -25,13 +25,14 @@ from addressed_dynamics.episodes.imports import ImportRecord, read_import_record
 from addressed_dynamics.episodes.index import Episode, write_episodes
 from addressed_dynamics.episodes.parquet import FOLDER, TransitionTable, split_writer
 from addressed_dynamics.episodes.quality import Fences, Place, Quality, Tally, outlier_fences, outlier_sample
-from addressed_dynamics.episodes.splits import SPLITS, Split, assign_splits, file_names
+from addressed_dynamics.episodes.splits import file_names
 from addressed_dynamics.episodes.statistics import Moments, Sample, column_names, column_values, moments_to_json
 from addressed_dynamics.episodes.summary import data_report, split_sizes, write_learner_curve
 from addressed_dynamics.episodes.transitions import SpaceSpec, Transitions
 from addressed_dynamics.logs import EpisodeRecord, LogContents, read_episodes
 from addressed_dynamics.sources.transitions.numbering import NumberedLog, renumber, unique_numbers
 from addressed_dynamics.sources.transitions.params import ConvertParams
+from addressed_dynamics.sources.transitions.pieces import Piece, Planned, block_figures, plan_pieces, take_pieces
 
 LEARNER = "dqn"
 """The behaviour whose episodes make the learning curve."""
@@ -80,10 +81,15 @@ class _Job:
     spec: SpaceSpec
     target: Path
     """Folder for the files of all splits, which are called like the log."""
+<<<<<<< HEAD
     numbers: dict[int, int]
     """The identifiers of the log's episodes in the tables, by those in the log."""
     splits: dict[int, Split]
     """The split of each episode, by its identifier in the tables."""
+=======
+    pieces: dict[int, tuple[Piece, ...]]
+    """What becomes of each episode in the log."""
+>>>>>>> wt-split
     segment: str
     low: Float64[np.ndarray, " dimension"]
     high: Float64[np.ndarray, " dimension"]
@@ -102,6 +108,8 @@ class _Figures:
     fingerprints: UInt64[np.ndarray, " step"]
     """Eight bytes per transition, so that duplicates are found across logs."""
     quality: Quality
+    blocks: list[Episode]
+    """What the list of episodes says of blocks of episodes."""
 
     def merge(self, other: _Figures) -> _Figures:
         """Add the figures of a later block of the same log, but for the fingerprints."""
@@ -110,6 +118,7 @@ class _Figures:
             train=self.train.merge(other.train),
             occupancy=self.occupancy.merge(other.occupancy),
             quality=self.quality.merge(other.quality),
+            blocks=self.blocks + other.blocks,
         )
 
 
@@ -132,35 +141,46 @@ def convert_recording(
         tables: folder for `transitions/<split>/<log>.parquet`, `episodes.parquet` and `statistics.json`; replaced
             whole, at the end.
         reports: folder for `data.json` and `learner.csv`.
-        params: shares of the splits, and the size of row groups.
+        params: how episodes are split, and the size of row groups.
         cores: the most logs to work on at once.
         progress: called with the number of transitions written since its last call.
 
     Raises:
+<<<<<<< HEAD
         LogError: there are no logs, one is damaged, or they do not fit together: their spaces differ, two of one
             recording have the same episode, or one is a copy of another.
         TableError: a table cannot be written, no episode is left to train on, or something is wrong with the data
             that makes training on it useless.
+=======
+        LogError: there are no logs, or one is damaged.
+        TableError: a table cannot be written, a split would be empty, or something is wrong with the data that makes
+            training on it useless.
+>>>>>>> wt-split
     """
     logs = _logs(recording)
     with atomic_path(tables) as folder, worker_processes(_processes(logs, cores)) as ordered_map:
         summaries = _summaries(recording, logs, ordered_map)
         imported = read_import_record(recording / IMPORT_RECORD)
-        episodes = _episodes(summaries, _log_names(summaries, imported), params)
+        planned = plan_pieces(recording, _episodes(summaries, _log_names(summaries, imported)), params)
         ranges = reduce(Moments.merge, [summary.ranges for summary in summaries])
-        jobs = _jobs(summaries, episodes, ranges, folder, params.row_group_rows)
+        jobs = _jobs(summaries, planned, ranges, folder, params.row_group_rows)
         figures = []
         for found in ordered_map(_convert, jobs):
             figures.append(found)
             progress(len(found.fingerprints))
+        episodes = _table_episodes(planned, figures)
+        sizes = split_sizes(episodes)
         write_episodes(folder / "episodes.parquet", episodes)
-        write_json(folder / "statistics.json", _statistics(episodes, figures, recording))
+        write_json(folder / "statistics.json", _statistics(sizes, figures))
         findings = _findings(summaries, figures, imported)
         refuse_useless(recording, findings)
-        report = _report(summaries, episodes, ranges, figures)
-        report |= {"quality": findings_to_json(findings)} | ({"import": imported.model_dump()} if imported else {})
+        recorded = [each.whole for each in planned]
+        report = _report(summaries, recorded, sizes, ranges, figures)
+        if params.split == "blocks":
+            report["blocks"] = block_figures(planned, params.gap_steps).to_json()
+        report |= {"quality": findings_to_json(findings)} | ({"import": imported.to_json()} if imported else {})
         write_json(reports / "data.json", report)
-        _write_learner(reports / "learner.csv", summaries, episodes)
+        _write_learner(reports / "learner.csv", summaries, recorded)
 
 
 def _logs(recording: Path) -> list[Path]:
@@ -225,32 +245,21 @@ def _log_names(summaries: Sequence[_LogSummary], imported: ImportRecord | None) 
     return file_names([PurePath(origins.get(summary.log.name, summary.log.name)) for summary in summaries])
 
 
-def _episodes(summaries: Sequence[_LogSummary], names: Sequence[str], params: ConvertParams) -> list[Episode]:
-    """Split the episodes of each segment by itself, so that each has its share of test episodes."""
-    by_segment: dict[str, list[tuple[str, EpisodeRecord]]] = {}
-    for summary, name in zip(summaries, names, strict=True):
-        records = [(f"{name}#{number}", record) for number, record in enumerate(summary.episodes)]
-        by_segment.setdefault(summary.segment, []).extend(records)
-    episodes = []
-    for segment, records in by_segment.items():
-        splits = assign_splits(
-            [name for name, _ in records],
-            seed=params.split_seed,
-            validation_share=params.validation_share,
-            test_share=params.test_share,
-        )
-        episodes += [
-            _episode(record, name, segment, split) for (name, record), split in zip(records, splits, strict=True)
-        ]
-    return episodes
+def _episodes(summaries: Sequence[_LogSummary], names: Sequence[str]) -> list[Episode]:
+    """Return the episodes of all logs, which have no splits yet."""
+    return [
+        _episode(record, f"{name}#{number}", summary.segment)
+        for summary, name in zip(summaries, names, strict=True)
+        for number, record in enumerate(summary.episodes)
+    ]
 
 
-def _episode(record: EpisodeRecord, name: str, segment: str, split: Split) -> Episode:
+def _episode(record: EpisodeRecord, name: str, segment: str) -> Episode:
     return Episode(
         episode=record.episode,
         name=name,
         segment=segment,
-        split=split,
+        split=None,
         seed=record.seed,
         length=record.length,
         total_reward=record.episode_return,
@@ -260,9 +269,9 @@ def _episode(record: EpisodeRecord, name: str, segment: str, split: Split) -> Ep
 
 
 def _jobs(
-    summaries: Sequence[_LogSummary], episodes: Sequence[Episode], ranges: Moments, folder: Path, row_group_rows: int
+    summaries: Sequence[_LogSummary], planned: Sequence[Planned], ranges: Moments, folder: Path, row_group_rows: int
 ) -> list[_Job]:
-    splits = {episode.episode: episode.split for episode in episodes}
+    pieces = {each.whole.episode: each.pieces for each in planned}
     low, high = display_range(summaries[0].spec.observation, ranges.minimum, ranges.maximum)
     fences = outlier_fences(summaries[0].spec, Sample.join([summary.sample for summary in summaries]))
     return [
@@ -270,8 +279,12 @@ def _jobs(
             log=summary.log,
             spec=summary.spec,
             target=folder / FOLDER,
+<<<<<<< HEAD
             numbers=summary.numbers,
             splits={record.episode: splits[record.episode] for record in summary.episodes},
+=======
+            pieces={record.episode: pieces[record.episode] for record in summary.episodes},
+>>>>>>> wt-split
             segment=summary.segment,
             low=low,
             high=high,
@@ -286,13 +299,14 @@ def _convert(job: _Job) -> _Figures:
     spec, figures = job.spec, list[_Figures]()
     with split_writer(job.target, f"{job.log.stem}.parquet", spec, row_group_rows=job.row_group_rows) as write:
         for block in read_episodes(job.log, at_least=BLOCK_ROWS):
-            table = _table(job, block.transitions)
+            table, blocks = _table(job, block.transitions)
             write(table)
-            figures.append(_figures_of(job, table))
+            figures.append(_figures_of(job, block.transitions, table, blocks))
     fingerprints = np.concatenate([each.fingerprints for each in figures])
     return replace(reduce(_Figures.merge, figures), fingerprints=fingerprints)
 
 
+<<<<<<< HEAD
 def _table(job: _Job, transitions: Transitions) -> TransitionTable:
     try:
         transitions = renumber(transitions, job.numbers)
@@ -302,10 +316,20 @@ def _table(job: _Job, transitions: Transitions) -> TransitionTable:
     identifiers, inverse = np.unique(transitions.episode, return_inverse=True)
     codes = [SPLITS.index(job.splits[int(identifier)]) for identifier in identifiers]
     return TransitionTable(transitions, np.array(codes, dtype=np.int8)[inverse], job.segment)
+=======
+def _table(job: _Job, transitions: Transitions) -> tuple[TransitionTable, list[Episode]]:
+    """Return what the tables hold of transitions of the log, and what the list of episodes says of the blocks there."""
+    try:
+        kept, splits, blocks = take_pieces(transitions, job.pieces)
+    except KeyError as error:
+        message = f"{job.log}: episode {error} has transitions but no record of its end; run the record stage again"
+        raise LogError(message) from error
+    return TransitionTable(kept, splits, job.segment), blocks
+>>>>>>> wt-split
 
 
-def _figures_of(job: _Job, table: TransitionTable) -> _Figures:
-    transitions = table.transitions
+def _figures_of(job: _Job, transitions: Transitions, table: TransitionTable, blocks: list[Episode]) -> _Figures:
+    """Return the figures on all transitions, also those that the table leaves out; only `train` is of the table."""
     states = Occupancy.of(transitions.observation, job.low, job.high)
     return _Figures(
         columns=column_names(transitions),
@@ -313,25 +337,35 @@ def _figures_of(job: _Job, table: TransitionTable) -> _Figures:
         occupancy=states.merge(Occupancy.of(transitions.next_observation, job.low, job.high)),
         fingerprints=row_fingerprints(transitions.observation, transitions.action, transitions.exogenous),
         quality=Quality.of(transitions, log=job.log.name, fences=job.fences),
+        blocks=blocks,
     )
 
 
-def _statistics(episodes: Sequence[Episode], figures: Sequence[_Figures], recording: Path) -> dict[str, Any]:
+def _table_episodes(planned: Sequence[Planned], figures: Sequence[_Figures]) -> list[Episode]:
+    """Return the episodes of the tables; of blocks as they were when their steps were read."""
+    read = {block.episode: block for each in figures for block in each.blocks}
+    pieces = [piece.episode for each in planned for piece in each.pieces]
+    return [read.get(episode.episode, episode) for episode in pieces]
+
+
+def _statistics(sizes: Mapping[str, Any], figures: Sequence[_Figures]) -> dict[str, Any]:
     train = reduce(Moments.merge, [each.train for each in figures])
-    if not train.count:
-        message = f"{recording}: none of its {len(episodes)} episodes is left to train on; record more episodes"
-        raise TableError(message)
-    return {"splits": split_sizes(episodes), "train": moments_to_json(figures[0].columns, train)}
+    return {"splits": sizes, "train": moments_to_json(figures[0].columns, train)}
 
 
 def _report(
-    summaries: Sequence[_LogSummary], episodes: Sequence[Episode], ranges: Moments, figures: Sequence[_Figures]
+    summaries: Sequence[_LogSummary],
+    episodes: Sequence[Episode],
+    sizes: Mapping[str, Mapping[str, int]],
+    ranges: Moments,
+    figures: Sequence[_Figures],
 ) -> dict[str, Any]:
     spec, found = summaries[0].spec, reduce(Quality.merge, [each.quality for each in figures]).ranges
     return data_report(
         spec,
         episodes,
         {summary.segment: summary.behaviour for summary in summaries},
+        splits=sizes,
         ranges=[(float(low), float(high)) for low, high in zip(ranges.minimum, ranges.maximum, strict=True)],
         occupancy=reduce(Occupancy.merge, [each.occupancy for each in figures]),
         duplicates=count_duplicates(np.concatenate([each.fingerprints for each in figures])),

@@ -16,12 +16,22 @@ from addressed_dynamics.base.params.training import AddressingParams, BaselinesP
 class ConvertParams(Section):
     """From logs to tables."""
 
+    split: Literal["episodes", "blocks"] = "episodes"
+    """What belongs to one split as a whole: `episodes`, or `blocks` in time of those that are long enough, for one long
+    recording without episodes."""
+    blocks: Annotated[int, Field(ge=3)] = 20
+    """With `split: blocks`, number of blocks of an episode; fewer if these would be shorter than 20 steps or four gaps.
+    An episode that is too short for three stays whole."""
+    gap_steps: Annotated[int, Field(ge=0)] = 20
+    """With `split: blocks`, steps that are dropped between blocks of different splits, because they are near copies of
+    those beyond the border. Which number is right depends on how fast the states change and on how often they are
+    recorded; it should not be below `features.history`."""
     validation_share: Share = 0.1
-    """Share of the episodes kept for choosing recipes."""
+    """Share of the episodes, or of the blocks of each, kept for choosing recipes."""
     test_share: Share = 0.15
-    """Share of the episodes kept for the evaluation."""
+    """Share of the episodes, or of the blocks of each, kept for the evaluation."""
     split_seed: Seed = 0
-    """Seed of the hash that gives each episode its split."""
+    """Seed of the hash that gives each episode or block its split."""
     row_group_rows: Count = 131_072
     """Rows in a Parquet row group."""
 
