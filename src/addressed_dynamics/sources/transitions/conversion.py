@@ -81,15 +81,10 @@ class _Job:
     spec: SpaceSpec
     target: Path
     """Folder for the files of all splits, which are called like the log."""
-<<<<<<< HEAD
     numbers: dict[int, int]
-    """The identifiers of the log's episodes in the tables, by those in the log."""
-    splits: dict[int, Split]
-    """The split of each episode, by its identifier in the tables."""
-=======
+    """The identifiers of the log's episodes in the folder, by those in the log."""
     pieces: dict[int, tuple[Piece, ...]]
-    """What becomes of each episode in the log."""
->>>>>>> wt-split
+    """What becomes of each episode, by its identifier in the folder."""
     segment: str
     low: Float64[np.ndarray, " dimension"]
     high: Float64[np.ndarray, " dimension"]
@@ -146,16 +141,10 @@ def convert_recording(
         progress: called with the number of transitions written since its last call.
 
     Raises:
-<<<<<<< HEAD
         LogError: there are no logs, one is damaged, or they do not fit together: their spaces differ, two of one
             recording have the same episode, or one is a copy of another.
-        TableError: a table cannot be written, no episode is left to train on, or something is wrong with the data
-            that makes training on it useless.
-=======
-        LogError: there are no logs, or one is damaged.
         TableError: a table cannot be written, a split would be empty, or something is wrong with the data that makes
             training on it useless.
->>>>>>> wt-split
     """
     logs = _logs(recording)
     with atomic_path(tables) as folder, worker_processes(_processes(logs, cores)) as ordered_map:
@@ -279,12 +268,8 @@ def _jobs(
             log=summary.log,
             spec=summary.spec,
             target=folder / FOLDER,
-<<<<<<< HEAD
             numbers=summary.numbers,
-            splits={record.episode: splits[record.episode] for record in summary.episodes},
-=======
             pieces={record.episode: pieces[record.episode] for record in summary.episodes},
->>>>>>> wt-split
             segment=summary.segment,
             low=low,
             high=high,
@@ -299,33 +284,22 @@ def _convert(job: _Job) -> _Figures:
     spec, figures = job.spec, list[_Figures]()
     with split_writer(job.target, f"{job.log.stem}.parquet", spec, row_group_rows=job.row_group_rows) as write:
         for block in read_episodes(job.log, at_least=BLOCK_ROWS):
-            table, blocks = _table(job, block.transitions)
+            transitions = _numbered_block(job, block.transitions)
+            kept, splits, blocks = take_pieces(transitions, job.pieces)
+            table = TransitionTable(kept, splits, job.segment)
             write(table)
-            figures.append(_figures_of(job, block.transitions, table, blocks))
+            figures.append(_figures_of(job, transitions, table, blocks))
     fingerprints = np.concatenate([each.fingerprints for each in figures])
     return replace(reduce(_Figures.merge, figures), fingerprints=fingerprints)
 
 
-<<<<<<< HEAD
-def _table(job: _Job, transitions: Transitions) -> TransitionTable:
+def _numbered_block(job: _Job, transitions: Transitions) -> Transitions:
+    """Return transitions of the log with the identifiers that its episodes have in the folder."""
     try:
-        transitions = renumber(transitions, job.numbers)
+        return renumber(transitions, job.numbers)
     except KeyError as error:
         message = f"{job.log}: episode {error} has transitions but no record of its end; run the record stage again"
         raise LogError(message) from error
-    identifiers, inverse = np.unique(transitions.episode, return_inverse=True)
-    codes = [SPLITS.index(job.splits[int(identifier)]) for identifier in identifiers]
-    return TransitionTable(transitions, np.array(codes, dtype=np.int8)[inverse], job.segment)
-=======
-def _table(job: _Job, transitions: Transitions) -> tuple[TransitionTable, list[Episode]]:
-    """Return what the tables hold of transitions of the log, and what the list of episodes says of the blocks there."""
-    try:
-        kept, splits, blocks = take_pieces(transitions, job.pieces)
-    except KeyError as error:
-        message = f"{job.log}: episode {error} has transitions but no record of its end; run the record stage again"
-        raise LogError(message) from error
-    return TransitionTable(kept, splits, job.segment), blocks
->>>>>>> wt-split
 
 
 def _figures_of(job: _Job, transitions: Transitions, table: TransitionTable, blocks: list[Episode]) -> _Figures:
