@@ -15,6 +15,7 @@ from addressed_dynamics.cli.import_view import assessment_view, look_view, propo
 from addressed_dynamics.cli.inspection import Inspection, inspect_file, is_of_logs, log_files
 from addressed_dynamics.cli.new import MAPPINGS, ask, section_text, try_import
 from addressed_dynamics.cli.params_view import params_lines
+from addressed_dynamics.cli.source_keys import source_keys
 from addressed_dynamics.cli.terminal import file_view, folder_view
 from addressed_dynamics.importing.proposing import Wishes
 from addressed_dynamics.logs import RecoveryReport, recover_log
@@ -158,6 +159,12 @@ def params(
     """Print every key of an experiment with its value and its meaning, those at their defaults included."""
     for line in params_lines(file, experiment, kind):
         print(line)
+
+
+@app.command("source-keys")
+def print_source_keys() -> None:
+    """Print what the section `source` of an experiment may have: every key of every kind, as docs/source-keys.md."""
+    print(source_keys(), end="")
 
 
 @app.command()

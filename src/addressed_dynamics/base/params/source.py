@@ -26,6 +26,7 @@ class FieldParams(Section):
     field: Text
     """`/topic.field.sub[0]` in an MCAP log, the name of a column in a table; `[0:6]` takes six elements of an array."""
     unit: str = ""
+    """Unit of its values, for people."""
     offset: float = 0.0
     """Taken off every value, and off low and high, before the value becomes a float32, which has only seven digits."""
     low: float | None = None
@@ -38,6 +39,7 @@ class DiscreteParams(Section):
     """Actions that are numbers, from 0, or names; numbers are names where a name is the text of a number."""
 
     field: Text
+    """Where the number or the name is, as in a dimension."""
     names: Annotated[tuple[Text, ...], Field(min_length=1)]
     """One name for each action, in the order of their numbers."""
 
@@ -46,6 +48,7 @@ class ActionParams(Section):
     """The action: either a vector or one of finitely many."""
 
     continuous: Annotated[dict[Name, FieldParams], Field(min_length=1)] | None = None
+    """The components of a vector, in order."""
     discrete: DiscreteParams | None = None
 
     @model_validator(mode="after")
@@ -83,6 +86,7 @@ class EpisodeByColumn(Section):
 
     by: Literal["column"]
     column: Text
+    """Numbers or texts."""
 
 
 class EpisodeByEnd(Section):

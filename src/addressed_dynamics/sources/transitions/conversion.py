@@ -82,9 +82,9 @@ class _Job:
     target: Path
     """Folder for the files of all splits, which are called like the log."""
     numbers: dict[int, int]
-    """The identifiers of the log's episodes in the tables, by those in the log."""
+    """The identifiers of the log's episodes in the folder, by those in the log."""
     pieces: dict[int, tuple[Piece, ...]]
-    """What becomes of each episode, by its identifier in the tables."""
+    """What becomes of each episode, by its identifier in the folder."""
     segment: str
     low: Float64[np.ndarray, " dimension"]
     high: Float64[np.ndarray, " dimension"]
@@ -284,21 +284,22 @@ def _convert(job: _Job) -> _Figures:
     spec, figures = job.spec, list[_Figures]()
     with split_writer(job.target, f"{job.log.stem}.parquet", spec, row_group_rows=job.row_group_rows) as write:
         for block in read_episodes(job.log, at_least=BLOCK_ROWS):
-            table, blocks = _table(job, block.transitions)
+            transitions = _numbered_block(job, block.transitions)
+            kept, splits, blocks = take_pieces(transitions, job.pieces)
+            table = TransitionTable(kept, splits, job.segment)
             write(table)
-            figures.append(_figures_of(job, block.transitions, table, blocks))
+            figures.append(_figures_of(job, transitions, table, blocks))
     fingerprints = np.concatenate([each.fingerprints for each in figures])
     return replace(reduce(_Figures.merge, figures), fingerprints=fingerprints)
 
 
-def _table(job: _Job, transitions: Transitions) -> tuple[TransitionTable, list[Episode]]:
-    """Return what the tables hold of transitions of the log, and what the list of episodes says of the blocks there."""
+def _numbered_block(job: _Job, transitions: Transitions) -> Transitions:
+    """Return transitions of the log with the identifiers that its episodes have in the folder."""
     try:
-        kept, splits, blocks = take_pieces(renumber(transitions, job.numbers), job.pieces)
+        return renumber(transitions, job.numbers)
     except KeyError as error:
         message = f"{job.log}: episode {error} has transitions but no record of its end; run the record stage again"
         raise LogError(message) from error
-    return TransitionTable(kept, splits, job.segment), blocks
 
 
 def _figures_of(job: _Job, transitions: Transitions, table: TransitionTable, blocks: list[Episode]) -> _Figures:

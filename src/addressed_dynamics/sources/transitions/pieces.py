@@ -96,9 +96,6 @@ def take_pieces(
     Returns:
         The steps, each with the number of its piece for its episode; the index into `SPLITS` of each; and what the list
         of episodes says of the blocks among the pieces.
-
-    Raises:
-        KeyError: nothing is known of an episode.
     """
     parts, taken, blocks = list[np.ndarray](), list[Piece](), list[Episode]()
     for rows in transitions.episode_slices():
