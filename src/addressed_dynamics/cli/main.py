@@ -72,6 +72,7 @@ Paths = Annotated[list[Path], typer.Argument(metavar="PATH…", help="Logs or ta
 Rate = Annotated[float | None, typer.Option(help="Steps in a second.")]
 Reward = Annotated[str | None, typer.Option(metavar="FIELD", help="The reward of a step.")]
 Ends = Annotated[str | None, typer.Option(metavar="FIELD|file|end|reset", help="Where episodes end.")]
+Types = Annotated[list[str] | None, typer.Option(metavar="PATH", help="Definitions (.msg) that logs do not carry.")]
 Fields = Annotated[list[str] | None, typer.Option(metavar="[NAME=]FIELD", help="Repeat it for several fields.")]
 
 
@@ -85,9 +86,10 @@ def inspect(
     reward: Reward = None,
     rate: Rate = None,
     episode: Ends = None,
+    types: Types = None,
 ) -> None:
     """Show what is in logs and what can be imported of them; the exit status is 1 if one of them is damaged."""
-    wishes = _wishes(observation, action, exogenous, reward, rate, episode)
+    wishes = _wishes(observation, action, exogenous, reward, rate, episode, types)
     document, views, damaged = _inspected(paths, wishes)
     if as_json:
         print(json.dumps(document, indent=2))
@@ -109,12 +111,13 @@ def new(
     reward: Reward = None,
     rate: Rate = None,
     episode: Ends = None,
+    types: Types = None,
     yes: Annotated[bool, typer.Option("--yes", help="Ask nothing; take what is guessed.")] = False,
     file: Annotated[Path, typer.Option("--params", help="The params file.")] = Path("params.yaml"),
 ) -> None:
     """Make an experiment of somebody's logs: look at them, write its section into the params file, say what is next."""
     console = _console()
-    wishes = _wishes(observation, action, exogenous, reward, rate, episode)
+    wishes = _wishes(observation, action, exogenous, reward, rate, episode, types)
     trial = try_import(paths, wishes)
     console.print(look_view(trial.look), crop=False)
     if trial.proposal.unknown and not yes and sys.stdin.isatty():
@@ -183,10 +186,11 @@ def _wishes(
     reward: str | None,
     rate: float | None,
     episode: str | None,
+    types: list[str] | None,
 ) -> Wishes:
     fields = {"observation": observation, "action": action, "exogenous": exogenous}
     return Wishes(**{role: tuple(wished or ()) for role, wished in fields.items()},
-                  reward=reward, rate_hz=rate, episode=episode)  # fmt: skip
+                  reward=reward, rate_hz=rate, episode=episode, types=tuple(types or ()))  # fmt: skip
 
 
 def _console() -> Console:

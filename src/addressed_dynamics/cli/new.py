@@ -23,6 +23,8 @@ from addressed_dynamics.importing.proposing import Proposal, Wishes, propose
 
 MAPPINGS = ("experiments", "recorded", "imported")
 """Mappings at the top of a params file that name experiments."""
+FEW, LONG = 10, 500
+"""Fewer episodes than these, one of which has more samples than those, are split in blocks in time."""
 SMALL = 50_000
 """Fewer transitions than these are seen more often in training, by smaller networks."""
 
@@ -67,7 +69,7 @@ def try_import(paths: list[Path], wishes: Wishes) -> Trial:
         ParamsError: a wish names what is not there.
     """
     found = find_logs(paths)
-    look = look_at(found)
+    look = look_at(found, wishes.types)
     proposal = propose(look, found.patterns, wishes)
     assessment = None if proposal.unknown else assess(source_params(proposal.source))
     return Trial(found, look, proposal, assessment)
@@ -128,7 +130,12 @@ def _section_lines(name: str, trial: Trial) -> Iterator[str]:
     for key, value in proposal.source.items():
         yield from _entry(key, value, "  ", proposal.notes)
     transitions = 0 if trial.assessment is None else trial.assessment.transitions
-    yield from ("convert: {}", "features: {}")
+    episodes = (
+        [] if trial.assessment is None else [each for each in trial.assessment.episodes if each.verdict != "leave"]
+    )
+    few = len(episodes) < FEW and max((each.samples for each in episodes), default=0) > LONG
+    yield "convert: {split: blocks} # in time, for there are few episodes" if few else "convert: {}"
+    yield "features: {}"
     if transitions < SMALL:
         yield "ensemble: {hidden: 32-32, activation: tanh, epochs: 60, cluster_epochs: 10}"
         yield "addressing: {hidden: 64-64, epochs: 30}"

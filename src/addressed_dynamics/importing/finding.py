@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from addressed_dynamics.base.errors import LogError
+from addressed_dynamics.importing.ros_bags import METADATA, bag_files, is_bag
 
-SUFFIXES = {".mcap": "mcap", ".csv": "csv", ".tsv": "csv", ".parquet": "parquet"}
+SUFFIXES = {".mcap": "mcap", ".db3": "mcap", ".csv": "csv", ".tsv": "csv", ".parquet": "parquet"}
 """The kind of source that reads a file, by how its name ends."""
 
 
@@ -40,7 +41,7 @@ def find_logs(paths: Sequence[Path]) -> Found:
     if len(paths) == 1 and (dataset := _dataset(paths[0])):
         return Found(dataset, (paths[0],), (_shown(paths[0]),), _shown(paths[0]))
     inside = {path: _inside(path) for path in paths}
-    files = sorted({file for found in inside.values() for file in found})
+    files = list(dict.fromkeys(file for found in inside.values() for file in found))
     kinds = Counter(SUFFIXES[file.suffix.lower()] for file in files)
     where = ", ".join(map(str, paths))
     if not kinds:
@@ -63,17 +64,25 @@ def _dataset(path: Path) -> str | None:
 
 
 def _inside(path: Path) -> list[Path]:
+    """Return the files in a folder, those of a bag in the order of recording."""
     if not path.is_dir():
         return [path] if path.suffix.lower() in SUFFIXES else []
-    return [file for file in path.rglob("*") if file.suffix.lower() in SUFFIXES and file.is_file()]
+    bags = sorted(each.parent for each in path.rglob(METADATA))
+    loose = (file for file in path.rglob("*") if file.suffix.lower() in SUFFIXES and file.is_file())
+    return [
+        *(file for bag in bags for file in bag_files(bag)),
+        *sorted(file for file in loose if file.parent not in bags),
+    ]
 
 
 def _patterns(path: Path, files: Sequence[Path]) -> list[str]:
-    if not path.is_dir():
+    if not path.is_dir() or is_bag(path):
         return [_shown(path)]
-    deep = any(file.parent != path for file in files)
-    suffixes = dict.fromkeys(file.suffix for file in files)
-    return [f"{_shown(path)}/{'**/' if deep else ''}*{suffix}" for suffix in suffixes]
+    bags = [f"{_shown(path)}/**/{METADATA}"] if any(is_bag(file.parent) for file in files) else []
+    loose = [file for file in files if not is_bag(file.parent)]
+    deep = any(file.parent != path for file in loose)
+    suffixes = dict.fromkeys(file.suffix for file in loose)
+    return [*bags, *(f"{_shown(path)}/{'**/' if deep else ''}*{suffix}" for suffix in suffixes)]
 
 
 def _common(paths: Sequence[Path]) -> Path:

@@ -53,6 +53,8 @@ class Field:
     """Its topic; empty in a table."""
     total: int = 0
     """Values that there are, looked at or not."""
+    extent: tuple[float, float] | None = None
+    """The lowest and the highest of all values, where all were looked at for it."""
 
     @property
     def is_number(self) -> bool:
@@ -61,8 +63,8 @@ class Field:
 
     @property
     def range(self) -> tuple[float, float] | None:
-        """The lowest and the highest value; None without numbers."""
-        found = self.finite
+        """The lowest and the highest value, of those that were looked at if not of all; None without numbers."""
+        found = self.finite if self.extent is None else np.array(self.extent)
         return (float(found.min()), float(found.max())) if len(found) and self.is_number else None
 
     @property
@@ -104,20 +106,24 @@ class Look:
     clock: dict[str, Any] | None = None
     """The key `clock` of a table that has a column with the time, or one that counts its rows."""
     options: dict[str, Any] = data_field(default_factory=dict)
-    """Keys that say how a CSV file is written."""
+    """Keys that say how a CSV file is written, and what types there are beside a log."""
 
 
-def look_at_logs(files: Sequence[Path]) -> Look:
-    """Look at all topics of MCAP logs.
+def look_at_logs(files: Sequence[Path], types: tuple[str, ...] = ()) -> Look:
+    """Look at all topics of MCAP logs and databases of ROS 2.
+
+    Args:
+        files: the logs.
+        types: folders or files with definitions of messages, for databases that do not carry them.
 
     Raises:
-        LogError: a file is damaged.
+        LogError: a file is damaged, or definitions are missing.
     """
     topics = dict[str, _Topic]()
     for path in files:
         channels: dict[int, Channel] = {}
         decoders: dict[int, Decode] = {}
-        for channel, schema, run in message_runs(path, channels):
+        for channel, schema, run in message_runs(path, channels, types=types):
             topic = topics.setdefault(channel.topic, _Topic(channel.topic))
             if topic.problem:
                 continue
@@ -133,6 +139,7 @@ def look_at_logs(files: Sequence[Path]) -> Look:
         fields=tuple(each for topic in topics.values() for each in topic.finished()),
         stamps=tuple(found for topic in topics.values() if (found := topic.stamps()) is not None),
         unread={topic.name: topic.problem for topic in topics.values() if topic.problem},
+        options={"types": list(types)} if types else {},
     )
 
 

@@ -12,11 +12,15 @@ from addressed_dynamics.importing.looking_at_tables import (
 )
 
 
-def look_at(found: Found) -> Look:
+def look_at(found: Found, types: tuple[str, ...] = ()) -> Look:
     """Look at all files that one source reads.
 
+    Args:
+        found: the files.
+        types: folders or files with definitions of messages, for logs that do not carry them.
+
     Raises:
-        LogError: a log is damaged.
+        LogError: a log is damaged, or definitions are missing.
         TableError: a table or a dataset is.
     """
     match found.kind:
@@ -29,4 +33,4 @@ def look_at(found: Found) -> Look:
         case "minari":
             return look_at_minari(found)
         case _:
-            return look_at_logs(found.files)
+            return look_at_logs(found.files, types)

@@ -134,6 +134,11 @@ def _take(found: Field, column: polars.Series) -> None:
     found.total += len(column)
     some = column.gather_every(max(1, len(column) // MOST_VALUES)) if len(column) else column
     if some.dtype.is_numeric() or some.dtype == polars.Boolean:
+        numbers = column.cast(polars.Float64).to_numpy()
+        numbers = numbers[np.isfinite(numbers)]
+        if len(numbers):
+            low, high = found.extent or (np.inf, -np.inf)
+            found.extent = (min(low, float(numbers.min())), max(high, float(numbers.max())))
         found.values.extend(some.cast(polars.Float64).fill_null(np.nan).to_list())
     elif some.dtype == polars.String:
         found.values.extend([np.nan] * len(some))

@@ -47,6 +47,8 @@ class Wishes:
     rate_hz: float | None = None
     episode: str | None = None
     """`file`, `end`, `reset`, or the field whose value changes from episode to episode."""
+    types: tuple[str, ...] = ()
+    """Folders or files with definitions of messages, for logs that do not carry them."""
 
 
 @dataclass(frozen=True)
