@@ -20,11 +20,12 @@ export MLFLOW_DISABLE_TELEMETRY := true
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run example test ui bench clean
+.PHONY: help setup run example ride test ui bench clean
 
 help:
 	@echo "make run     install into $(VENV), run the pipeline, write data/reports/*/report.html"
 	@echo "make example make logs of a pendulum in three formats and go from them to a report (two minutes)"
+	@echo "make ride    fetch a real bicycle ride and go from it to a report (two minutes)"
 	@echo "make test    check format, style, types and imports, then run the tests"
 	@echo "make ui      browse the runs in MLflow (Ctrl-C ends it)"
 	@echo "make bench   measure every speed claim, one after the other"
@@ -68,6 +69,13 @@ example: $(VENV)/installed
 	$(BIN)/python examples/pendulum/make_logs.py
 	@PATH="$(CURDIR)/$(BIN):$$PATH" dvc exp run report@pendulum -S '++imported.pendulum=examples/pendulum/logs' \
 	    -S '++experiments.pendulum={kind: transitions, raw: data/raw/pendulum}'
+
+ride: $(VENV)/installed
+	$(BIN)/python examples/ride/make_table.py
+	@grep -q '^ride:' params.yaml || $(BIN)/addressed-dynamics new ride examples/ride/logs --yes \
+	    --observation 'speed [m/s]' --observation 'heart_rate [1/min]' \
+	    --action 'power [W]' --action 'cadence [1/min]' --exogenous slope
+	@PATH="$(CURDIR)/$(BIN):$$PATH" dvc repro report@ride
 
 test: $(VENV)/checked
 	$(BIN)/ruff check
