@@ -25,7 +25,7 @@ MEANINGS = {
     "stuck_episode": "episodes in which it never changes",
     "out_of_bounds": "values beyond its bounds",
     "outlier": "values far from all others",
-    "duplicate": "transitions that repeat an earlier state and action",
+    "duplicate": "transitions that repeat an earlier state and all its inputs",
     "coverage": "parts of its range without data",
     "non_finite": "readings that are not finite, dropped by the import",
     "off_rate": "files whose rows come at another rate than the one that was given; the value is the rate in Hz",
