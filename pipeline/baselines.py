@@ -6,6 +6,7 @@ from typing import Any
 
 import torch
 
+from addressed_dynamics import tracking
 from addressed_dynamics.base.files import atomic_path, write_json, write_rows
 from addressed_dynamics.base.params.training import BlendedTraining
 from addressed_dynamics.features.common.samples import Samples
@@ -20,6 +21,7 @@ from addressed_dynamics.training.ensemble import evaluate_profiles, train_ensemb
 from addressed_dynamics.training.epochs import Epoch, updates_per_epoch
 from addressed_dynamics.training.estimates import seconds_per_update
 from addressed_dynamics.training.losses import reported_loss
+from addressed_dynamics.training.references import PERSISTENCE, reference_networks
 from pipeline.stage import checkpoints_dir, figures_dir, models_dir
 from pipeline.trainings import (
     Stage,
@@ -36,7 +38,11 @@ MODES = {"phase_functioned": "phase", "learned_blend": "blend"}
 
 
 def train_baselines(
-    stage: Stage, plan: Mapping[str, Baseline], data: Mapping[str, TrainingData[Any]], seeds: tuple[int, ...]
+    stage: Stage,
+    plan: Mapping[str, Baseline],
+    data: Mapping[str, TrainingData[Any]],
+    own: TrainingData[Any],
+    seeds: tuple[int, ...],
 ) -> dict[str, dict[str, float]]:
     """Train all baselines and write their folder `baselines`, metrics and curves; return the metrics.
 
@@ -44,6 +50,7 @@ def train_baselines(
         stage: what is run.
         plan: the baselines by name.
         data: what each may see.
+        own: what the ensemble sees; the references are found in it.
         seeds: one of each is trained from each; the pair from the first alone.
     """
     experiment = stage.experiment
@@ -80,12 +87,33 @@ def train_baselines(
         train_tracked(stage, addressing_jobs, finish_addressing)
         compared = [key for key, (name, _) in keys.items() if name != PAIR]
         pairs = [key for key in keys if key not in compared]
+        for name, network in reference_networks(own):
+            key = f"{name}/seed-{seeds[0]}"
+            with tracking.run(stage=stage.name, experiment=experiment, name=f"{experiment} baseline {name}",
+                              params={"baseline": name}, params_file=stage.params_file) as run:  # fmt: skip
+                notes = {"training": key, "params": {}, "mode": "argmax"}
+                save_network(folder / key / "network", SavedNetwork(network, own.features, notes))
+                run.log_output(folder / key / "network")
+                results[key] = _reference_metrics(name, network, own)
+                run.log(results[key], step=0)
+            compared.append(key)
         write_json(folder / "baselines.json", {"format": 1, "trained": compared, "pair": pairs})
     write_json(figures_dir(experiment, "baselines") / "baselines.json", {key: results[key] for key in compared})
     write_rows(figures_dir(experiment, "baselines") / "baselines.csv", rows)
     remove_checkpoints(jobs)
     remove_checkpoints(addressing_jobs)
     return results
+
+
+def _reference_metrics(name: str, network: StackedMLP, data: TrainingData[Any]) -> dict[str, float]:
+    """Return what is known of a network that was not trained, as if it had been."""
+    unit = data.features.loss_unit("mse")
+    parts = {part: each for part, each in (("train", data.train), ("validation", data.validation)) if len(each)}
+    losses = {part: float(evaluate_profiles(network, each, "mse").mean()) * unit for part, each in parts.items()}
+    known = {"parameters": network.parameters_total, "samples": len(data.train)}
+    if name == PERSISTENCE:
+        known = {"parameters": 0, "samples": 0}
+    return {**{f"loss/{part}": loss for part, loss in losses.items()}, "updates": 0, **known}
 
 
 def _settings(baseline: Baseline) -> dict[str, Any]:

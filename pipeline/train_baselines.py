@@ -28,7 +28,7 @@ def main(call: Call) -> str:
         for name, each in plan.items()
     }
     stage = Stage("train_baselines", call.experiment, call.params_file, training_processes())
-    results = train_baselines(stage, plan, own, chosen.baselines.seeds)
+    results = train_baselines(stage, plan, own, data, chosen.baselines.seeds)
     figures = figures_dir(call.experiment, "baselines")
     return f"{len(results)} baselines are trained: {', '.join(results)}; {figures}"
 

@@ -13,7 +13,7 @@ from addressed_dynamics.episodes.transitions import DiscreteAction, Transitions
 from addressed_dynamics.networks.files import SavedNetwork, save_network
 from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.simulators.addressed import AddressedDynamics
-from addressed_dynamics.simulators.delivery import Delivered, write_delivered
+from addressed_dynamics.simulators.delivery import Delivered, Recommended, write_delivered
 from addressed_dynamics.simulators.modes import MODES, Mode
 
 WORLDS = {"car": drive((30, 20)), "arm": swing()}
@@ -257,6 +257,22 @@ def test_a_delivered_model_predicts_and_rolls_out_in_the_mode_that_evaluation_de
     steps = np.stack([action, action], axis=1)
     np.testing.assert_array_equal(model.rollout(state, steps), model.rollout(state, steps, "mixture"))
     assert AddressedDynamics.load(copy, seed=2).mode == "argmax"
+
+
+def test_what_is_recommended_is_loaded_by_that_name(folder: Path, tmp_path: Path) -> None:
+    copy = shutil.copytree(folder, tmp_path / "car")
+    with pytest.raises(ModelError, match=r"it recommends no model; 'dvc repro evaluate@car' does"):
+        AddressedDynamics.load(copy, candidate="recommended")
+    write_delivered(copy, Delivered(4, "plain", "argmax", Recommended("relu_512", 5, None, "argmax")))
+    single = AddressedDynamics.load(copy, candidate="recommended")
+    assert (single.ensemble.members, str(single.origin)) == (1, "candidate relu_512, seed 5")
+    assert is_of(AddressedDynamics.load(copy), 4, "plain")
+    write_delivered(copy, Delivered(4, "plain", "argmax", Recommended("ensemble", 2, "cost_sensitive", "mixture")))
+    model = AddressedDynamics.load(copy, candidate="recommended")
+    assert is_of(model, 2, "cost_sensitive")
+    assert model.mode == "mixture"
+    with pytest.raises(ModelError, match="what is recommended has a seed and a variant of its own"):
+        AddressedDynamics.load(copy, candidate="recommended", seed=2)
 
 
 def test_a_delivered_mode_that_does_not_exist_is_refused(folder: Path, tmp_path: Path) -> None:

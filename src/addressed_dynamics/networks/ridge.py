@@ -1,4 +1,4 @@
-"""Ridge regression from a motion frame's inputs to its outputs: closed form, in float64, in one pass over the rows."""
+"""Ridge regression from inputs to outputs: closed form, in float64, in one pass over the rows."""
 
 from __future__ import annotations
 

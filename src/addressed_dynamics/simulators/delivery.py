@@ -19,6 +19,22 @@ RUN_FILE = "mlflow_run.json"
 """Name of what earlier versions left beside every network."""
 
 
+RECOMMENDED = "recommended"
+"""Name that stands for the candidate that holds longest on validation episodes."""
+
+
+@dataclass(frozen=True)
+class Recommended:
+    """Which of all trained models is to be loaded by somebody who wants the best one."""
+
+    candidate: str
+    """`ensemble`, or the name of a baseline."""
+    seed: int
+    variant: str | None
+    """Its addressing network; None for a baseline."""
+    mode: str
+
+
 @dataclass(frozen=True)
 class Delivered:
     """Which of the trained ensembles is delivered, and how it is used."""
@@ -29,6 +45,8 @@ class Delivered:
     """Its addressing network; None for the one that training chose."""
     mode: str
     """How the outputs of the addressing network are used."""
+    recommended: Recommended | None = None
+    """Which model held longest on validation episodes; None if that was not measured."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +100,13 @@ def read_delivered(folder: Path) -> Delivered:
     try:
         read = read_index(folder, FILE)
         variant = read["variant"]
-        return Delivered(int(read["seed"]), None if variant is None else str(variant), str(read["mode"]))
+        recommended = read.get("recommended")
+        return Delivered(
+            int(read["seed"]),
+            None if variant is None else str(variant),
+            str(read["mode"]),
+            None if recommended is None else Recommended(**recommended),
+        )
     except (KeyError, TypeError, ValueError) as error:
         message = (
             f"{folder / FILE}: incomplete or malformed ({error}); 'dvc repro evaluate@{folder.name}' writes it anew"
@@ -102,7 +126,7 @@ def find_parts(folder: Path, candidate: str | None, seed: int | None, variant: s
 
     Args:
         folder: what the training stages wrote, or the folder of one model, of which there is nothing to choose.
-        candidate: `ensemble`, or the name of a baseline; None for the ensemble.
+        candidate: `ensemble`, the name of a baseline, or `recommended`; None for the ensemble.
         seed: which of the trained seeds; None for the delivered one, or for a baseline's first.
         variant: which addressing network of the ensemble; None for the delivered one, or the one that training chose.
 
@@ -129,6 +153,8 @@ def find_parts(folder: Path, candidate: str | None, seed: int | None, variant: s
             f"(folders in it: {there})"
         )
         raise ModelError(message)
+    if candidate == RECOMMENDED:
+        return _recommended(folder, seed, variant)
     if candidate in (None, ENSEMBLE):
         if seed is not None:
             return _ensemble(folder, seed, variant, None)
@@ -150,6 +176,22 @@ def find_parts(folder: Path, candidate: str | None, seed: int | None, variant: s
         raise ModelError(message)
     chosen = Origin(str(candidate), seeds[0] if seed is None else seed)
     return replace(parts_in(folder / "baselines" / f"{candidate}/seed-{chosen.seed}"), origin=chosen)
+
+
+def _recommended(folder: Path, seed: int | None, variant: str | None) -> Parts:
+    if seed is not None or variant is not None:
+        message = f"{folder}: what is recommended has a seed and a variant of its own; leave 'seed' and 'variant' out"
+        raise ModelError(message)
+    chosen = read_delivered(folder).recommended
+    if chosen is None:
+        message = (
+            f"{folder / FILE}: it recommends no model; 'dvc repro evaluate@{folder.name}' does if there are validation "
+            "episodes"
+        )
+        raise ModelError(message)
+    if chosen.candidate == ENSEMBLE:
+        return _ensemble(folder, chosen.seed, chosen.variant, chosen.mode)
+    return find_parts(folder, chosen.candidate, chosen.seed, None)
 
 
 def _ensemble(folder: Path, seed: int, variant: str | None, mode: str | None) -> Parts:

@@ -53,6 +53,27 @@ def test_one_seed_that_is_worse_makes_the_difference_unclear() -> None:
     )
 
 
+def recommending(name: str, *, better: bool) -> str:
+    document = evaluation_json((1e-7, 1e-6), (1e-6, 1e-5))
+    score = {"one_step_percent": 0.694, "rollout_percent": 3.0, "horizon_seconds": 100.0}
+    own = {"one_step_percent": 0.85, "rollout_percent": 7.0, "horizon_seconds": 85.0}
+    document["recommendation"] = {
+        "candidate": name, "label": "linear least squares", "beats_references": better, "rollouts": 12,
+        "scores": {"linear/seed-0": score, "ensemble/argmax": own},
+    }  # fmt: skip
+    found = Evaluation.model_validate(document)
+    return verdict(found, judged(found), CAR_PAPER)
+
+
+def test_the_first_sentence_says_which_model_to_use() -> None:
+    assert recommending("linear/seed-0", better=False).startswith(
+        "Use linear least squares, for no trained model is as good one step ahead and in rollouts: on validation "
+        "episodes its error is 0.69 % of the range after a step, and its rollouts keep it below 10 % for 100 s."
+    )
+    assert "where the addressed ensemble has 0.85 % and 85.0 s." in recommending("linear/seed-0", better=True)
+    assert recommending("ensemble/argmax", better=True).startswith("Use the addressed ensemble: on validation")
+
+
 @given(errors, errors)
 def test_a_relation_turned_round_is_its_opposite(own: list[float], other: list[float]) -> None:
     opposite = {"lower": "higher", "higher": "lower", "unclear": "unclear"}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import torch
@@ -21,6 +21,7 @@ from addressed_dynamics.simulators.addressed import AddressedDynamics
 from addressed_dynamics.simulators.delivery import parts_in
 from addressed_dynamics.simulators.modes import MODES, Mode
 from addressed_dynamics.training.baselines import OTHER_RECIPE
+from addressed_dynamics.training.references import LINEAR, PERSISTENCE
 
 MEAN = "ensemble/mean"
 """Name of the candidate that averages the members."""
@@ -80,6 +81,8 @@ def ensemble_candidates(models: dict[int, dict[str, AddressedDynamics]], deliver
 
 
 BASELINE_LABELS = {
+    PERSISTENCE: "nothing changes",
+    LINEAR: "linear least squares",
     "total_parameters": "one network, as many parameters as the members together",
     "unequal_bins": "ensemble without equal bins",
     "random_bins": "ensemble with random bins",
@@ -105,7 +108,10 @@ def baseline_candidates(folder: Path) -> list[Candidate]:
     for key in read_index(folder, "baselines.json")["trained"]:
         name, seed = key.split("/seed-")
         network, model = _load_baseline(folder / key)
-        candidates.append(_addressed(key, f"{baseline_label(name, network.stack)}, seed {seed}", model, "argmax"))
+        label = baseline_label(name, network.stack)
+        of_seed = "" if name in (PERSISTENCE, LINEAR) else f", seed {seed}"
+        found = _addressed(key, f"{label}{of_seed}", model, "argmax")
+        candidates.append(replace(found, parameters=0, multiply_adds=0) if name == PERSISTENCE else found)
     return candidates
 
 
@@ -179,7 +185,7 @@ def _variants(folder: Path, seed: int, names: Sequence[str]) -> dict[str, Addres
     loaded = {name: AddressedDynamics.load(folder, seed=seed, variant=name) for name in names}
     ensemble = next(iter(loaded.values())).ensemble
     return {
-        name: AddressedDynamics(each.features, ensemble, each.addressing, mode=each.mode)
+        name: AddressedDynamics(each.features, ensemble, each.addressing, mode=each.mode, origin=each.origin)
         for name, each in loaded.items()
     }
 

@@ -19,6 +19,7 @@ from addressed_dynamics.evaluation.transitions.candidates import (
     load_pair,
 )
 from addressed_dynamics.evaluation.transitions.points import Points
+from addressed_dynamics.evaluation.transitions.recommending import recommend
 from addressed_dynamics.evaluation.transitions.records import Evaluation
 from addressed_dynamics.evaluation.transitions.rollouts import roll_out
 from addressed_dynamics.evaluation.transitions.suite import (
@@ -77,6 +78,9 @@ def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int
         "baseline_losses": {split: baseline_losses(candidates, part, loss) for split, part in points.items()},
         "other_recipe": evaluate_other_recipe(other, points) if other else None,
     }
+    validation = Points.of(load_transitions(tables, split="validation"), model.features)
+    found = recommend(candidates, validation, params.rollouts, segments, cores=cores)
+    report["recommendation"] = None if found is None else found[0]
     untrained = untrained_ensemble(model.features.inputs, model.features.outputs, recipe, seed=first)
     arrays = figure_arrays(model, untrained, points["test"], truth, predicted["ensemble/argmax"], loss)
     if pair := load_pair(models / "baselines"):
@@ -84,7 +88,7 @@ def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int
         two = recipe.model_copy(update={"members": network.members})
         start = untrained_ensemble(model.features.inputs, model.features.outputs, two, seed=seed)
         arrays |= pair_arrays(network, start, points["test"], loss)
-    chosen = Delivered(first, delivered[first], "argmax")
+    chosen = Delivered(first, delivered[first], "argmax", None if found is None else found[1])
     features = model.features
     scale = dict(zip((each.name for each in features.spaces.observation), features.scale, strict=True))
     summary = summarise(report, horizon, scale, features.spaces.step_seconds)

@@ -219,7 +219,31 @@ class RolloutSource(Record):
     """Names of the exogenous inputs, whose recorded values are replayed."""
 
 
-_OTHER_BASELINES = ("total_parameters", "unequal_bins", "random_bins", "paper_recipe", "default_recipe")
+REFERENCES = ("persistence", "linear")
+"""What any model has to beat."""
+_OTHER_BASELINES = (*REFERENCES, "total_parameters", "unequal_bins", "random_bins", "paper_recipe", "default_recipe")
+
+
+class ScoreRecord(Record):
+    """What a candidate reaches on validation episodes; errors are root mean squares in % of the range."""
+
+    one_step_percent: float
+    rollout_percent: float
+    horizon_seconds: float
+
+
+class Recommendation(Record):
+    """Which model to load."""
+
+    candidate: str
+    """A key of `candidates`."""
+    label: str
+    beats_references: bool
+    """Whether it is no worse than nothing and than least squares, one step ahead and in rollouts."""
+    rollouts: int
+    """Rollouts on validation episodes that it was chosen by."""
+    scores: dict[str, ScoreRecord]
+    """Of every candidate that can be loaded."""
 
 
 class Evaluation(Record):
@@ -235,6 +259,8 @@ class Evaluation(Record):
     baseline_losses: BaselineLosses
     other_recipe: OtherRecipe | None
     """None if it was not trained."""
+    recommendation: Recommendation | None = None
+    """None if there are no validation episodes to choose by."""
 
     @model_validator(mode="after")
     def _has_the_other_recipe(self) -> Evaluation:

@@ -52,6 +52,10 @@ class TrainingData(Generic[Features]):
     dropped: Mapping[str, Dropped] = field(default_factory=dict)
     """What no sample is of, for want of frames, by split; empty where a sample is of one frame by its kind."""
 
+    persistence: tuple[Tensor, Tensor] | None = None
+    """Weights (input, output) and biases of the linear map by which nothing changes; None if the kind has references of
+    its own."""
+
     @property
     def tensors(self) -> tuple[Tensor | Windows, ...]:
         """Everything a training may see."""

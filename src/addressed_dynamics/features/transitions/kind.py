@@ -29,4 +29,6 @@ def load_training_data(
         split: shorter_episodes(part, spec.history)
         for split, part in {"train": train, "validation": validation}.items()
     }
-    return TrainingData(spec, spec.samples(train), spec.samples(validation), dropped=dropped)
+    return TrainingData(
+        spec, spec.samples(train), spec.samples(validation), dropped=dropped, persistence=spec.persistence
+    )

@@ -237,6 +237,18 @@ class FeatureSpec:
         names = self.spaces.observation_names
         return torch.atan2(observation[..., names.index(angle.sine)], observation[..., names.index(angle.cosine)])
 
+    @property
+    def persistence(self) -> tuple[Float[Tensor, "input output"], Float[Tensor, " output"]]:
+        """Weights and biases of the linear map by which the next state is the state."""
+        weight, bias = torch.zeros(self.inputs, self.outputs), -torch.tensor(self.target_mean)
+        if self.target == "absolute":
+            last = self.inputs - len(self.input_mean)
+            size = float(self._frame_weights[-1])
+            for output, dimension in enumerate(self.predicted):
+                weight[last + dimension, output] = self.input_deviation[dimension] / self.scale[dimension] / size
+                bias[output] += self.input_mean[dimension] / self.scale[dimension]
+        return weight / self.target_deviation, bias / self.target_deviation
+
     def loss_unit(self, loss: Literal["mse", "mae"]) -> float:
         """Return what one unit of a network's training loss is as a loss of states scaled to [0, 1]."""
         return self.target_deviation**2 if loss == "mse" else self.target_deviation

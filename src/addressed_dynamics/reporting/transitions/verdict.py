@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from statistics import mean
 
-from addressed_dynamics.evaluation.transitions.records import AddressingResult, Evaluation
+from addressed_dynamics.evaluation.transitions.records import AddressingResult, Evaluation, Recommendation
 from addressed_dynamics.reporting.common.comparison import MARGIN
 from addressed_dynamics.reporting.common.numbers import (
     in_words,
@@ -25,8 +25,8 @@ from addressed_dynamics.reporting.transitions.targets import separation
 
 
 def verdict(evaluation: Evaluation, targets: Sequence[Target], paper: PaperFigures | None) -> str:
-    """Return the result in two sentences."""
-    sentences = []
+    """Return the result in a few sentences, the first of which says which model to use."""
+    sentences = [_recommended(evaluation.recommendation)] if evaluation.recommendation else []
     what = "figures taken from the paper" if paper and paper.table else "targets"
     if targets:
         met, unknown = (sum(target.met is state for target in targets) for state in (True, None))
@@ -42,6 +42,26 @@ def verdict(evaluation: Evaluation, targets: Sequence[Target], paper: PaperFigur
             "updates."
         )
     return " ".join(sentences) or "There is nothing to hold the model against."
+
+
+def _recommended(recommendation: Recommendation) -> str:
+    """Return which model to use, and what it reaches on validation episodes."""
+    scores, name = recommendation.scores, recommendation.candidate
+    best, own = scores[name], scores["ensemble/argmax"]
+    reached = (
+        f"on validation episodes its error is {significant(best.one_step_percent, 2)} % of the range after a step, and "
+        f"its rollouts keep it below 10 % for {significant(best.horizon_seconds, 3)} s"
+    )
+    if not recommendation.beats_references:
+        return f"Use {recommendation.label}, for no trained model is as good one step ahead and in rollouts: {reached}."
+    if name == "ensemble/argmax":
+        return f"Use the addressed ensemble: {reached}."
+    label = recommendation.label
+    which = f"the {label}" if label.startswith("ensemble") else label
+    return (
+        f"Use {which} (candidate='recommended'): {reached}, where the addressed ensemble has "
+        f"{significant(own.one_step_percent, 2)} % and {significant(own.horizon_seconds, 3)} s."
+    )
 
 
 def findings(evaluation: Evaluation, paper: PaperFigures | None) -> tuple[str, ...]:

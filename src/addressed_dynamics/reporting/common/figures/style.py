@@ -30,6 +30,8 @@ MODELS = {
     "wide": ("one wide network", "#cc79a7"),
     "unequal_bins": ("without equal bins", "#56b4e9"),
     "random_bins": ("random bins", "#e69f00"),
+    "persistence": ("nothing changes", "#bbbbbb"),
+    "linear": ("linear least squares", "#8a7a00"),
     "paper_recipe": ("the paper's recipe", "#7b3294"),
     "default_recipe": ("the default recipe", "#7b3294"),
 }

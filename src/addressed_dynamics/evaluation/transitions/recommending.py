@@ -1,0 +1,137 @@
+"""Which model to load: the one that holds longest on validation episodes, and never one that is worse than nothing.
+
+The test episodes have no part in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float32, Float64
+
+from addressed_dynamics.evaluation.transitions.candidates import Candidate
+from addressed_dynamics.evaluation.transitions.one_step import errors_per_dimension, predict_all
+from addressed_dynamics.evaluation.transitions.points import Points
+from addressed_dynamics.evaluation.transitions.records import REFERENCES
+from addressed_dynamics.evaluation.transitions.rollouts import finite, roll_out
+from addressed_dynamics.evaluation.transitions.truth import TrueRollouts, true_rollouts
+from addressed_dynamics.simulators.delivery import Recommended
+from addressed_dynamics.sources.transitions.params import EnvironmentRollouts, RecordedRollouts
+
+LOST_PERCENT = 10.0
+"""A rollout is lost when its error has grown to this share of the range."""
+SLACK = 1.02
+"""An error is no worse than a reference's if it is no more than so many times as large."""
+MOST_ROLLOUTS = 40
+"""Rollouts of each candidate beside the environment, under behaviours that neither training nor test has seen."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """What a candidate reaches on validation episodes; errors are root mean squares in % of the range."""
+
+    one_step_percent: float
+    rollout_percent: float
+    """Over a whole rollout, of the median episode."""
+    horizon_seconds: float
+    """Until the median rollout is lost, or the length of the rollouts."""
+
+    @property
+    def rank(self) -> tuple[float, float, float]:
+        """The lower the better: horizon first, then the error of rollouts, then that of a step."""
+        return -self.horizon_seconds, self.rollout_percent, self.one_step_percent
+
+
+def recommend(
+    candidates: Sequence[Candidate],
+    points: Points,
+    params: EnvironmentRollouts | RecordedRollouts,
+    segments: Mapping[int, str],
+    *,
+    cores: int,
+) -> tuple[dict[str, Any], Recommended] | None:
+    """Return what goes into evaluation.json, and which model is recommended; None without validation episodes.
+
+    Args:
+        candidates: all that can be loaded, and others.
+        points: those of the validation episodes.
+        params: which rollouts; those beside an environment begin from another seed than the test's.
+        segments: segment of each episode.
+        cores: rollouts at the same time.
+    """
+    if not len(points):
+        return None
+    if isinstance(params, EnvironmentRollouts):
+        others = {"seed": params.seed + 1, "episodes": min(params.episodes, MOST_ROLLOUTS)}
+        params = params.model_copy(update=others)
+    truth = true_rollouts(params, points.transitions, points.features.history, dict(segments))
+    loadable = [
+        each for each in candidates if each.model is not None and each.model.features.history == points.features.history
+    ]
+    predicted = roll_out(loadable, truth, cores=cores)
+    scores = {each.name: _score(each, points, predicted[each.name], truth) for each in loadable}
+    name, better = choose(scores)
+    (chosen,) = (each for each in loadable if each.name == name)
+    record = {
+        "candidate": name,
+        "label": chosen.label,
+        "beats_references": better,
+        "rollouts": len(truth.states),
+        "scores": {each: asdict(score) for each, score in scores.items()},
+    }
+    return record, _recommended(name, chosen)
+
+
+def choose(scores: Mapping[str, Score]) -> tuple[str, bool]:
+    """Return the candidate to load, and whether it is no worse than the references.
+
+    It is the best of those that are worse than no reference, neither one step ahead nor in rollouts; if all are, the
+    best reference.
+    """
+    references = {name: each for name, each in scores.items() if name.partition("/")[0] in REFERENCES}
+    if not references:
+        return min(scores, key=lambda name: scores[name].rank), True
+    one_step = SLACK * min(each.one_step_percent for each in references.values())
+    rollout = SLACK * min(each.rollout_percent for each in references.values())
+    sound = {
+        name: each
+        for name, each in scores.items()
+        if name not in references and each.one_step_percent <= one_step and each.rollout_percent <= rollout
+    }
+    among = sound or references
+    return min(among, key=lambda name: among[name].rank), bool(sound)
+
+
+def _score(
+    candidate: Candidate, points: Points, predicted: Float32[np.ndarray, "episode step state"], truth: TrueRollouts
+) -> Score:
+    scale = np.array(points.features.scale)
+    means = [each["squared"]["mean"] for each in errors_per_dimension(predict_all(candidate.predictor, points), points)]
+    one_step = _percent(np.array(means[: len(scale)])[None], scale)[0]
+    squared = (finite(predicted) - truth.states[:, 1:]) ** 2
+    whole = _percent(squared.mean(axis=1), scale)
+    course = np.median(_percent(squared, scale), axis=0)
+    lost = np.flatnonzero(course >= LOST_PERCENT)
+    steps = int(lost[0]) + 1 if len(lost) else len(course)
+    return Score(float(one_step), float(np.median(whole)), steps * points.features.spaces.step_seconds)
+
+
+def _percent(
+    squared: Float64[np.ndarray, "*batch state"], scale: Float64[np.ndarray, " state"]
+) -> Float64[np.ndarray, "*batch"]:
+    percent: Float64[np.ndarray, "*batch"] = 100 * np.sqrt((squared / scale**2).mean(axis=-1))
+    return percent
+
+
+def _recommended(name: str, candidate: Candidate) -> Recommended:
+    model = candidate.model
+    assert model is not None
+    origin = model.origin
+    kind, *rest = name.split("/")
+    if kind == "ensemble":
+        assert origin is not None
+        return Recommended("ensemble", origin.seed, origin.variant, candidate.mode)
+    return Recommended(kind, int(rest[-1].removeprefix("seed-")), None, candidate.mode)

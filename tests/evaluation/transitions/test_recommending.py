@@ -1,0 +1,58 @@
+"""Which model is recommended: the best on validation episodes, and never one that is worse than a reference."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from addressed_dynamics.evaluation.transitions.recommending import SLACK, Score, choose
+
+NAMES = ("ensemble/argmax", "ensemble/mixture", "total_parameters/seed-0", "persistence/seed-0", "linear/seed-0")
+SCORES = st.builds(Score, st.floats(0.01, 100), st.floats(0.01, 1000), st.floats(0.1, 100))
+
+
+@given(scores=st.fixed_dictionaries(dict.fromkeys(NAMES, SCORES)))
+def test_what_is_recommended_is_never_worse_than_a_reference(scores: dict[str, Score]) -> None:
+    name, sound = choose(scores)
+    references = [scores["persistence/seed-0"], scores["linear/seed-0"]]
+    best_step = min(each.one_step_percent for each in references)
+    best_rollout = min(each.rollout_percent for each in references)
+    chosen = scores[name]
+    if sound:
+        assert chosen.one_step_percent <= SLACK * best_step
+        assert chosen.rollout_percent <= SLACK * best_rollout
+        assert not name.startswith(("persistence", "linear"))
+    else:
+        assert chosen in references
+        assert chosen.rank == min(each.rank for each in references)
+
+
+@pytest.mark.parametrize(
+    ("mixture", "expected"),
+    [
+        (Score(1.0, 3.0, 50.0), ("ensemble/mixture", True)),  # holds longest
+        (Score(1.0, 6.0, 50.0), ("total_parameters/seed-0", True)),  # worse in rollouts than least squares
+        (Score(1.2, 3.0, 50.0), ("total_parameters/seed-0", True)),  # worse in a step than nothing
+    ],
+)
+def test_the_horizon_comes_first_among_those_that_are_no_worse(mixture: Score, expected: tuple[str, bool]) -> None:
+    scores = {
+        "ensemble/argmax": Score(2.0, 20.0, 5.0),
+        "ensemble/mixture": mixture,
+        "total_parameters/seed-0": Score(0.9, 4.0, 40.0),
+        "persistence/seed-0": Score(1.0, 9.0, 20.0),
+        "linear/seed-0": Score(1.1, 5.0, 30.0),
+    }
+    assert choose(scores) == expected
+
+
+def test_a_reference_is_recommended_where_everything_trained_is_worse() -> None:
+    scores = {
+        "ensemble/argmax": Score(2.0, 20.0, 5.0),
+        "persistence/seed-0": Score(1.0, 9.0, 20.0),
+        "linear/seed-0": Score(1.1, 5.0, 30.0),
+    }
+    assert choose(scores) == ("linear/seed-0", False)
+
+
+def test_without_references_the_best_is_recommended() -> None:
+    assert choose({"a/seed-0": Score(1.0, 1.0, 1.0), "b/seed-0": Score(2.0, 2.0, 2.0)}) == ("b/seed-0", True)
