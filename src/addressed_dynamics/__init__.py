@@ -4,6 +4,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from addressed_dynamics.episodes.motion import Motion
+    from addressed_dynamics.episodes.transitions import Transitions
+    from addressed_dynamics.logs import write_log
     from addressed_dynamics.recording.recorder import TransitionRecorder
     from addressed_dynamics.simulators.addressed import AddressedDynamics
     from addressed_dynamics.simulators.motion import MotionModel
@@ -16,9 +18,11 @@ __all__ = [
     "Motion",
     "MotionModel",
     "TransitionRecorder",
+    "Transitions",
     "assign_to_bins",
     "read_motion",
     "read_transitions",
+    "write_log",
 ]
 
 _HOMES = {
@@ -26,9 +30,11 @@ _HOMES = {
     "Motion": "addressed_dynamics.episodes.motion",
     "MotionModel": "addressed_dynamics.simulators.motion",
     "TransitionRecorder": "addressed_dynamics.recording.recorder",
+    "Transitions": "addressed_dynamics.episodes.transitions",
     "assign_to_bins": "addressed_dynamics.training.clustering",
     "read_motion": "addressed_dynamics.sources.motion.source",
     "read_transitions": "addressed_dynamics.sources.transitions.reading",
+    "write_log": "addressed_dynamics.logs",
 }
 
 

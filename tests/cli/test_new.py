@@ -6,8 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from builders import car_transitions, write_log
 from dvc_settings import apply_overrides
 from foreign_logs import json_log, states_and_commands
+from ruamel.yaml import YAML
 from stage_dependencies import ROOT
 
 from addressed_dynamics.base.params.experiments import load_experiment
@@ -91,6 +93,29 @@ def test_an_interruption_while_it_writes_leaves_the_params_as_they_were(
     monkeypatch.undo()
     assert (folder / "params.yaml").read_bytes() == before
     assert sorted(path.name for path in folder.iterdir()) == ["bags", "params.yaml"]
+
+
+def test_logs_of_transitions_are_taken_as_they_are(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (folder / "own").mkdir()
+    write_log(folder / "own" / "a.mcap", car_transitions([20, 600]))
+    before = (folder / "params.yaml").read_bytes()
+    status, out, _ = run(capsys, monkeypatch, "new", "car", "own")
+    assert status == 0
+    assert out.splitlines()[-1] == "next: dvc repro report@car"
+    document = YAML(typ="safe").load((folder / "params.yaml").read_text())
+    assert document["experiments"]["car"] == {"kind": "transitions", "raw": "own"}
+    assert "car" not in (document["imported"] or {})
+    params = load_experiment(folder / "params.yaml", "car", "transitions")
+    assert (params.source, params.record, params.convert.split) == (None, None, "blocks")
+    assert run(capsys, monkeypatch, "remove", "car")[0] == 0
+    assert (folder / "params.yaml").read_bytes() == before
+    (folder / "own" / "deep").mkdir()
+    write_log(folder / "own" / "deep" / "b.mcap", car_transitions([20]))
+    status, _, err = run(capsys, monkeypatch, "new", "car", "own")
+    assert (status, err.count("\n")) == (1, 1)
+    assert "logs of transitions have to be in one folder, but these are in 2" in err
 
 
 def test_what_cannot_be_guessed_is_asked_for(

@@ -13,10 +13,19 @@ from addressed_dynamics.base.errors import AddressedDynamicsError, ParamsError
 from addressed_dynamics.base.params.editing import add_experiment, remove_experiment
 from addressed_dynamics.cli.import_view import assessment_view, look_view, proposal_view
 from addressed_dynamics.cli.inspection import Inspection, inspect_file, is_of_logs, log_files
-from addressed_dynamics.cli.new import MAPPINGS, ask, section_text, try_import
+from addressed_dynamics.cli.new import (
+    MAPPINGS,
+    ask,
+    recorded_lengths,
+    section_text,
+    source_lines,
+    try_import,
+    usable_lengths,
+)
 from addressed_dynamics.cli.params_view import params_lines
 from addressed_dynamics.cli.source_keys import source_keys
 from addressed_dynamics.cli.terminal import file_view, folder_view
+from addressed_dynamics.importing.finding import find_logs
 from addressed_dynamics.importing.proposing import Wishes
 from addressed_dynamics.logs import RecoveryReport, recover_log
 
@@ -117,6 +126,14 @@ def new(
 ) -> None:
     """Make an experiment of somebody's logs: look at them, write its section into the params file, say what is next."""
     console = _console()
+    found = find_logs(paths)
+    lengths = recorded_lengths(found)
+    if lengths is not None:
+        # Logs of transitions are what an import would make.
+        _add(
+            file, name, {"experiments": f"{{kind: transitions, raw: {found.folder}}}"}, section_text(name, (), lengths)
+        )
+        return
     wishes = _wishes(observation, action, exogenous, reward, rate, episode, types)
     trial = try_import(paths, wishes)
     console.print(look_view(trial.look), crop=False)
@@ -135,9 +152,8 @@ def new(
     if not yes and sys.stdin.isatty() and not typer.confirm(f"Write this to {file}?", default=True):
         raise typer.Exit(1)
     entries = {"experiments": f"{{kind: transitions, raw: data/raw/{name}}}", "imported": trial.found.dependency}
-    add_experiment(file, name, entries, section_text(name, trial))
-    print(f"{name} stands in {file}, for you to change; 'addressed-dynamics remove {name}' takes it out again")
-    print(f"next: dvc repro report@{name}")
+    section = section_text(name, source_lines(trial.proposal), usable_lengths(trial.assessment))
+    _add(file, name, entries, section)
 
 
 @app.command()
@@ -177,6 +193,12 @@ def ui(port: Annotated[int, typer.Option(min=1, max=65535, help="Port of the web
     from addressed_dynamics.tracking import serve_ui
 
     serve_ui(port)
+
+
+def _add(file: Path, name: str, entries: dict[str, str], section: str) -> None:
+    add_experiment(file, name, entries, section)
+    print(f"{name} stands in {file}, for you to change; 'addressed-dynamics remove {name}' takes it out again")
+    print(f"next: dvc repro report@{name}")
 
 
 def _wishes(

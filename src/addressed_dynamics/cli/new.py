@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 import textwrap
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,8 +13,9 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 from ruamel.yaml import YAML
 
-from addressed_dynamics.base.errors import ParamsError
+from addressed_dynamics.base.errors import LogError, ParamsError
 from addressed_dynamics.base.params.source import SourceParams
+from addressed_dynamics.cli.inspection import inspect_file
 from addressed_dynamics.importing.assessing import Assessment, assess
 from addressed_dynamics.importing.finding import Found, find_logs
 from addressed_dynamics.importing.looking import Look
@@ -24,7 +25,7 @@ from addressed_dynamics.importing.proposing import Proposal, Wishes, propose
 MAPPINGS = ("experiments", "recorded", "imported")
 """Mappings at the top of a params file that name experiments."""
 FEW, LONG = 10, 500
-"""Fewer episodes than these, one of which has more samples than those, are split in blocks in time."""
+"""Fewer episodes than these, one of which has more steps than those, are split in blocks in time."""
 SMALL = 50_000
 """Fewer transitions than these are seen more often in training, by smaller networks."""
 
@@ -112,31 +113,61 @@ def ask(look: Look, proposal: Proposal, wishes: Wishes, answer: Callable[[str], 
     return wishes
 
 
-def section_text(name: str, trial: Trial) -> str:
-    """Return the section of a new experiment, as YAML with what the files say beside each dimension."""
-    # As DVC's own writer has it, which then changes no more than what 'dvc exp run -S' asks for.
-    yaml, stream = YAML(), io.StringIO()
-    yaml.default_flow_style = False
-    yaml.dump(yaml.load("\n".join(_section_lines(name, trial)) + "\n"), stream)
-    return textwrap.indent(stream.getvalue(), "  ")
+def recorded_lengths(found: Found) -> list[int] | None:
+    """Return the steps of every episode if all files are logs of transitions, which need no import; else None.
+
+    Raises:
+        LogError: one of them is damaged.
+    """
+    if found.kind != "mcap":
+        return None
+    inspections = [inspect_file(file) for file in found.files]
+    for each in inspections:
+        if each.run is not None and each.problem is not None:
+            message = f"{each.path}: {each.problem.message}"
+            raise LogError(message)
+    if not all(each.run is not None for each in inspections):
+        return None
+    return [length for each in inspections if each.experience for length in each.experience.lengths]
 
 
-def _section_lines(name: str, trial: Trial) -> Iterator[str]:
-    proposal = trial.proposal
-    yield f"title: {_scalar(name.replace('_', ' ').replace('-', ' ').capitalize())}"
-    yield from ("paper:", "recipe: default", "paper_recipe: {}", "source: # docs/source-keys.md has every key")
+def source_lines(proposal: Proposal) -> Iterator[str]:
+    """Yield the section `source`, with what the files say beside each dimension."""
+    yield "source: # docs/source-keys.md has every key"
     for line in proposal.guessed:
         yield f"  # guessed {line}"
     for key, value in proposal.source.items():
         yield from _entry(key, value, "  ", proposal.notes)
-    transitions = 0 if trial.assessment is None else trial.assessment.transitions
-    episodes = (
-        [] if trial.assessment is None else [each for each in trial.assessment.episodes if each.verdict != "leave"]
-    )
-    few = len(episodes) < FEW and max((each.samples for each in episodes), default=0) > LONG
+
+
+def usable_lengths(assessment: Assessment) -> list[int]:
+    """Return the steps of every episode that is worth training on."""
+    return [each.samples - 1 for each in assessment.episodes if each.verdict != "leave"]
+
+
+def section_text(name: str, origin: Iterable[str], lengths: Sequence[int]) -> str:
+    """Return the section of a new experiment, as YAML.
+
+    Args:
+        name: the experiment.
+        origin: lines that say where its transitions come from; none if its raw data are logs of transitions.
+        lengths: steps of each of its episodes.
+    """
+    # As DVC's own writer has it, which then changes no more than what 'dvc exp run -S' asks for.
+    yaml, stream = YAML(), io.StringIO()
+    yaml.default_flow_style = False
+    yaml.dump(yaml.load("\n".join(_section_lines(name, origin, lengths)) + "\n"), stream)
+    return textwrap.indent(stream.getvalue(), "  ")
+
+
+def _section_lines(name: str, origin: Iterable[str], lengths: Sequence[int]) -> Iterator[str]:
+    yield f"title: {_scalar(name.replace('_', ' ').replace('-', ' ').capitalize())}"
+    yield from ("paper:", "recipe: default", "paper_recipe: {}")
+    yield from origin
+    few = len(lengths) < FEW and max(lengths, default=0) > LONG
     yield "convert: {split: blocks} # in time, for there are few episodes" if few else "convert: {}"
     yield "features: {}"
-    if transitions < SMALL:
+    if sum(lengths) < SMALL:
         yield "ensemble: {hidden: 32-32, activation: tanh, epochs: 60, cluster_epochs: 10}"
         yield "addressing: {hidden: 64-64, epochs: 30}"
         yield "baselines: {addressing: {hidden: 64-64}}"

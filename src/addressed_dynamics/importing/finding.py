@@ -27,6 +27,22 @@ class Found:
     dependency: str
     """The file or folder that holds all of them, for DVC to watch."""
 
+    @property
+    def folder(self) -> str:
+        """The folder that all files are in.
+
+        Raises:
+            LogError: they are in several.
+        """
+        folders = {file.parent for file in self.files}
+        if len(folders) > 1:
+            shown = ", ".join(sorted(map(str, folders))[:3])
+            message = (
+                f"logs of transitions have to be in one folder, but these are in {len(folders)} ({shown}); give one"
+            )
+            raise LogError(message)
+        return _shown(folders.pop())
+
 
 def find_logs(paths: Sequence[Path]) -> Found:
     """Find the logs in files and folders, which have to be of one kind.

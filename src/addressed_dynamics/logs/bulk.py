@@ -25,12 +25,15 @@ from addressed_dynamics.logs.log_file import (
     message_bytes,
 )
 
+UNKNOWN = RunInfo(environment="unknown")
+"""What is said of data whose origin nobody names."""
+
 
 def write_log(
     path: Path,
     transitions: Transitions | Iterable[Transitions],
     *,
-    run: RunInfo,
+    run: RunInfo = UNKNOWN,
     topic: str = "/env_00",
     seeds: Sequence[int | None] | None = None,
 ) -> None:

@@ -122,7 +122,7 @@ class TransitionsRecipe(RecipeChanges):
 
 
 class ExperimentParams(Section):
-    """All sections of one experiment; its transitions are either recorded or imported."""
+    """All sections of one experiment; its transitions are recorded, imported, or logs that are there already."""
 
     title: str
     recipe: Literal["default", "paper"] = "default"
@@ -132,9 +132,9 @@ class ExperimentParams(Section):
     paper: Literal["mountaincar", "acrobot"] | None = None
     """The paper's experiment whose figures the report compares with; null: none."""
     record: RecordParams | None = None
-    """What to record; absent if there is a `source`."""
+    """What to record; absent if there is a `source`, or if the raw data are logs of transitions."""
     source: SourceParams | None = None
-    """Which logs or tables to import; absent if there is a `record`."""
+    """Which logs or tables to import; absent if there is a `record`, or if the raw data are logs of transitions."""
     convert: ConvertParams = ConvertParams()
     features: FeatureParams = FeatureParams()
     ensemble: EnsembleParams = EnsembleParams()
@@ -144,9 +144,8 @@ class ExperimentParams(Section):
 
     @model_validator(mode="after")
     def _has_one_origin(self) -> ExperimentParams:
-        if (self.record is None) == (self.source is None):
-            found = "neither" if self.record is None else "both"
-            message = f"an experiment has either 'record' or 'source', but this one has {found}"
+        if self.record is not None and self.source is not None:
+            message = "an experiment has either 'record' or 'source', but this one has both"
             raise ValueError(message)
         return self
 
