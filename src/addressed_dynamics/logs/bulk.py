@@ -30,7 +30,7 @@ UNKNOWN = RunInfo(environment="unknown")
 
 
 def write_log(
-    path: Path,
+    path: Path | str,
     transitions: Transitions | Iterable[Transitions],
     *,
     run: RunInfo = UNKNOWN,
@@ -53,6 +53,7 @@ def write_log(
         LogError: there is no block, the blocks do not fit together, times do not increase, or the file cannot be
             written.
     """
+    path = Path(path)
     blocks = iter([transitions] if isinstance(transitions, Transitions) else transitions)
     first = next(blocks, None)
     if first is None:
