@@ -121,7 +121,10 @@ def test_logs_of_transitions_are_taken_as_they_are(
 def test_what_cannot_be_guessed_is_asked_for(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    messages = [(topic.replace("cmd", "out"), at, message) for topic, at, message in states_and_commands(10.0)]
+    messages = [
+        ("/out", at, {"level": message["torque"]}) if topic == "/cmd" else (topic, at, message)
+        for topic, at, message in states_and_commands(10.0)
+    ]
     (folder / "bags" / "bag_0.mcap").write_bytes(json_log(messages))
     (folder / "bags" / "bag_1.mcap").unlink()
     monkeypatch.setattr(sys.stdin, "isatty", lambda: True)
@@ -135,9 +138,9 @@ def test_what_cannot_be_guessed_is_asked_for(
     monkeypatch.setattr(cli.typer, "confirm", lambda *_, **__: True)
     status, _, _ = run(capsys, monkeypatch, "new", "arm", "bags")
     assert status == 0
-    assert "  4  /out.torque" in asked[0]
+    assert "  4  /out.level" in asked[0]
     action = load_experiment(folder / "params.yaml", "arm", "transitions").source.action
-    assert action.continuous["torque"].field == "/out.torque"
+    assert action.continuous["level"].field == "/out.level"
     status, _, err = run(capsys, monkeypatch, "new", "arm2", "bags", "--yes")
     assert "the files do not say it; give --action" in err
 

@@ -6,8 +6,10 @@ from typing import Any
 
 import polars
 import pytest
+from bags import encoded, write_bag
 from foreign_logs import SECOND, json_log, protobuf_log, ros2_log, states_and_commands
 from lerobot_data import frames, write_v3
+from rosbags.rosbag2 import StoragePlugin
 
 from addressed_dynamics.base.errors import LogError, ParamsError
 from addressed_dynamics.cli.new import source_params
@@ -234,3 +236,15 @@ def test_a_lerobot_dataset_is_known_by_its_folder(tmp_path: Path) -> None:
     assert (found.kind, proposal.source["folder"], proposal.unknown) == ("lerobot", "so101", ())
     assert list(proposal.source["observation"]) == ["shoulder_pan_pos", "gripper_pos"]
     assert assess(source_params(proposal.source)).transitions > 0
+
+
+@pytest.mark.parametrize("storage", [StoragePlugin.SQLITE3, StoragePlugin.MCAP])
+@pytest.mark.parametrize("inside", ["run_1", "bags/run_1"])
+def test_bags_are_found_by_their_metadata(storage: StoragePlugin, inside: str) -> None:
+    Path(inside).parent.mkdir(exist_ok=True)
+    write_bag(Path(inside), encoded(states_and_commands(10.0)), storage)
+    found = find_logs([Path(inside.split("/")[0])])
+    assert (found.kind, found.patterns) == ("mcap", ("run_1",) if inside == "run_1" else ("bags/**/metadata.yaml",))
+    proposal = propose(look_at(found), found.patterns, Wishes())
+    assert proposal.unknown == ()
+    assert assess(source_params(proposal.source)).transitions > 90

@@ -184,8 +184,9 @@ def _guessed_states(look: Look, taken: set[str], draft: _Draft) -> dict[str, Fie
 
 def _may_be_state(each: Field) -> bool:
     values = each.finite
-    # What only ever grows by one counts something.
-    counts = len(values) > 2 and bool((np.diff(values) == np.diff(values)[0]).all()) and float(np.diff(values)[0]) != 0
+    # What only ever grows by one, or of which so many are left out, counts something.
+    steps = np.diff(values)
+    counts = len(steps) > 1 and bool((steps == steps[0]).all()) and steps[0] >= 1 and float(steps[0]).is_integer()
     return not (_last_words(each.field) & TIME_WORDS) and not (_words(each.field) & NO_STATE) and not counts
 
 
