@@ -68,9 +68,8 @@ def recommend(
         others = {"seed": params.seed + 1, "episodes": min(params.episodes, MOST_ROLLOUTS)}
         params = params.model_copy(update=others)
     truth = true_rollouts(params, points.transitions, points.features.history, dict(segments))
-    loadable = [
-        each for each in candidates if each.model is not None and each.model.features.history == points.features.history
-    ]
+    # A model that draws its members answers otherwise each time.
+    loadable = [each for each in candidates if each.model is not None and each.mode != "sample"]
     predicted = roll_out(loadable, truth, cores=cores)
     scores = {each.name: _score(each, points, predicted[each.name], truth) for each in loadable}
     name, better = choose(scores)
