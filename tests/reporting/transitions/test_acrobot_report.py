@@ -35,8 +35,7 @@ from addressed_dynamics.reporting.transitions.document import build_report, head
 from addressed_dynamics.reporting.transitions.figures.members import loss_profiles, state_maps
 from addressed_dynamics.reporting.transitions.paper import PAPER, AngleFigures
 from addressed_dynamics.reporting.transitions.results import Arrays, load_results
-from addressed_dynamics.reporting.transitions.tables import target_table
-from addressed_dynamics.reporting.transitions.targets import judge_targets
+from addressed_dynamics.reporting.transitions.targets import judge_targets, targets_caption
 from addressed_dynamics.reporting.transitions.verdict import findings, verdict
 
 PAPER_SCALE, QUICK = 200_000, 50_000
@@ -106,7 +105,7 @@ def test_cosines_and_sines_are_judged_by_their_mean_square(transitions: int, at_
         assert met(found, transitions) == [True, expected, True, True]
         target = judge_targets(Evaluation.model_validate(found), ACROBOT_PAPER, transitions=transitions)[1]
         assert "(MAE 1.0" in target.found
-        caption = target_table((target,), ACROBOT_PAPER, transitions).caption
+        caption = targets_caption(ACROBOT_PAPER, transitions)
         assert ("targets are those of the quick scale" in caption) == (transitions == QUICK)
 
 

@@ -10,13 +10,14 @@ from addressed_dynamics.reporting.common.blocks import Block, Report, Section, T
 from addressed_dynamics.reporting.common.comparison import baseline_efforts, ensemble_effort
 from addressed_dynamics.reporting.common.figures import curves, histograms, specialisation
 from addressed_dynamics.reporting.common.runs import run_blocks
+from addressed_dynamics.reporting.common.targets import reached, target_table
 from addressed_dynamics.reporting.motion import loop_tables, tables
 from addressed_dynamics.reporting.motion.figures import addressing, closed_loop, films, one_step
 from addressed_dynamics.reporting.motion.origin import MotionOrigin, run_facts
 from addressed_dynamics.reporting.motion.paper import SOURCES
 from addressed_dynamics.reporting.motion.recorded import data_blocks
 from addressed_dynamics.reporting.motion.results import MotionResults
-from addressed_dynamics.reporting.motion.targets import judge_targets, target_table
+from addressed_dynamics.reporting.motion.targets import judge_targets, targets_caption
 from addressed_dynamics.reporting.motion.verdict import findings, verdict
 
 WORDS = specialisation.Words(held_out="held-out clips", scaled="normalised outputs")
@@ -49,7 +50,9 @@ def build_motion_report(results: MotionResults, origin: MotionOrigin) -> Report:
         subtitle=subtitle(made_up=made_up),
         verdict=verdict(evaluation, targets, made_up=made_up),
         findings=findings(evaluation, made_up=made_up, target=origin.features.target, paper=origin.paper),
-        targets=target_table(targets, len(evaluation.models[evaluation.own_group]), paper=origin.paper),
+        targets=target_table(
+            targets, targets_caption(len(evaluation.models[evaluation.own_group]), paper=origin.paper)
+        ),
         sections=tuple(section for section in sections if section.blocks),
     )
 
@@ -70,7 +73,7 @@ def motion_headline(results: MotionResults) -> dict[str, float]:
         "closed_loop/score": own.closed_loop.score,
         "agreement": evaluation.addressing.test.specialisation.agreement,
         "phase_information": evaluation.addressing.test.all.information_share,
-        "targets/reached": float(sum(target.met is True for target in judge_targets(evaluation))),
+        "targets/reached": float(reached(judge_targets(evaluation))),
     }
     if pfnn := evaluation.models.get("phase_functioned"):
         figures |= {

@@ -7,7 +7,6 @@ from statistics import median
 
 from addressed_dynamics.evaluation.motion.closed_loop.judging import ALIVE_SHARE
 from addressed_dynamics.evaluation.motion.records import Candidate, MotionEvaluation
-from addressed_dynamics.reporting.common.blocks import Column, Row, Table
 from addressed_dynamics.reporting.common.numbers import MISSING, percent, significant
 from addressed_dynamics.reporting.common.targets import Target
 from addressed_dynamics.reporting.motion.comparison import middle, normalised_error, raw_error, score_of
@@ -34,19 +33,10 @@ PAPER_NOTE = (
 )
 
 
-def target_table(targets: Sequence[Target], seeds: int, *, paper: bool) -> Table:
-    """Return what was to be reached and what was."""
-    words = {True: "reached", False: "missed", None: "open"}
-    columns = (
-        Column("Figure", numeric=False),
-        Column("Target", numeric=False),
-        Column("Here"),
-        Column("", numeric=False),
-    )
-    rows = [Row((each.name, each.wanted, each.found, words[each.met]), words[each.met]) for each in targets]
+def targets_caption(seeds: int, *, paper: bool) -> str:
+    """Return what the table of targets shows of a model from so many seeds."""
     over = f"medians over {seeds} seeds" if seeds > 1 else "one seed of each model"
-    caption = f"What the delivered model should reach: {over}.{PAPER_NOTE * paper}"
-    return Table(caption, columns, tuple(rows))
+    return f"What the delivered model should reach: {over}.{PAPER_NOTE * paper}"
 
 
 def expected_limb_speed(evaluation: MotionEvaluation) -> float | None:

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 from addressed_dynamics.evaluation.motion.records import MotionEvaluation
 from addressed_dynamics.reporting.common.comparison import MARGIN
-from addressed_dynamics.reporting.common.numbers import in_words, percent, significant
-from addressed_dynamics.reporting.common.targets import Target
+from addressed_dynamics.reporting.common.numbers import percent, significant
+from addressed_dynamics.reporting.common.targets import Target, reached_words
 from addressed_dynamics.reporting.motion.comparison import SCORE_MARGIN, compare, outcome, raw_error, score_of
 from addressed_dynamics.reporting.motion.findings import (
     addressing,
@@ -35,13 +35,8 @@ IN_SENTENCES = {
 
 def verdict(evaluation: MotionEvaluation, targets: Sequence[Target], *, made_up: bool) -> str:
     """Return the result in two sentences."""
-    met, unknown = (sum(target.met is state for target in targets) for state in (True, None))
-    how_many = (
-        f"all {in_words(len(targets))}" if met == len(targets) else f"{in_words(met)} of the {in_words(len(targets))}"
-    )
-    rest = f"; {in_words(unknown)} could not be measured" if unknown else ""
     on = "On synthetic clips the" if made_up else "The"
-    sentences = [f"{on} addressed ensemble reaches {how_many} targets{rest}."]
+    sentences = [f"{on} addressed ensemble reaches {reached_words(targets)}."]
     own = own_group(evaluation)
     relations = [
         outcome(compare(own, evaluation.models[name]), IN_SENTENCES[name])

@@ -8,6 +8,7 @@ from addressed_dynamics.reporting.common.figures import curves, histograms, spec
 from addressed_dynamics.reporting.common.numbers import listed, percent, scientific
 from addressed_dynamics.reporting.common.paper import CITATION
 from addressed_dynamics.reporting.common.runs import run_blocks
+from addressed_dynamics.reporting.common.targets import reached, target_table
 from addressed_dynamics.reporting.transitions import rollout_tables, tables
 from addressed_dynamics.reporting.transitions.animation.rollouts import animations
 from addressed_dynamics.reporting.transitions.claims import claims_table, specialists_table
@@ -19,7 +20,7 @@ from addressed_dynamics.reporting.transitions.quality import quality_blocks, war
 from addressed_dynamics.reporting.transitions.recipes import recipes_table
 from addressed_dynamics.reporting.transitions.recorded import BlocksResult
 from addressed_dynamics.reporting.transitions.results import Results
-from addressed_dynamics.reporting.transitions.targets import judge_targets
+from addressed_dynamics.reporting.transitions.targets import judge_targets, targets_caption
 from addressed_dynamics.reporting.transitions.verdict import findings, verdict
 
 
@@ -54,7 +55,7 @@ def build_report(results: Results, origin: Origin, paper: PaperFigures | None) -
         subtitle=f"An error-based addressing architecture, learned from logs{held_against}",
         verdict=verdict(evaluation, targets, paper),
         findings=findings(evaluation, paper),
-        targets=tables.target_table(targets, paper, results.data.transitions),
+        targets=target_table(targets, targets_caption(paper, results.data.transitions)),
         sections=tuple(section for section in sections if section.blocks),
     )
 
@@ -69,8 +70,9 @@ def headline(results: Results, paper: PaperFigures | None) -> dict[str, float]:
         "loss/test": evaluation.own.one_step.scaled.mean,
     }
     if paper:
-        targets = judge_targets(evaluation, paper, transitions=results.data.transitions)
-        metrics["targets/reached"] = float(sum(target.met is True for target in targets))
+        metrics["targets/reached"] = float(
+            reached(judge_targets(evaluation, paper, transitions=results.data.transitions))
+        )
     if evaluation.own.rollouts:
         metrics |= {
             f"rollout_mse/{name}": spread.median for name, spread in evaluation.own.rollouts.all.mse.items() if spread

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 from addressed_dynamics.evaluation.transitions.records import AddressingResult, Evaluation, MemberResult
 from addressed_dynamics.reporting.common.blocks import Column, Row, Table
@@ -17,44 +17,9 @@ from addressed_dynamics.reporting.common.numbers import (
     scientific,
     significant,
 )
-from addressed_dynamics.reporting.common.targets import Target
-from addressed_dynamics.reporting.transitions.paper import AngleFigures, PaperFigures
+from addressed_dynamics.reporting.transitions.paper import PaperFigures
 from addressed_dynamics.reporting.transitions.recorded import DataResult
 from addressed_dynamics.reporting.transitions.rollout_tables import dropped_words, median_mse, row_kind
-
-
-def target_table(targets: Sequence[Target], paper: PaperFigures | None, transitions: int) -> Table:
-    """Return what was to be reached and what was."""
-    words = {True: "reached", False: "missed", None: "open"}
-    rows = [Row((each.name, each.wanted, each.found, words[each.met]), words[each.met]) for each in targets]
-    columns = (
-        Column("Figure", numeric=False),
-        Column("Target", numeric=False),
-        Column("Here"),
-        Column("", numeric=False),
-    )
-    if paper is None or paper.angles is None:
-        caption = (
-            "What the paper reports, as targets for the delivered model on held-out episodes. The paper gives one "
-            "rollout figure for each dimension; that of the velocity is held against rollouts without wall contact, "
-            "because a contact one step late costs more than a whole rollout without one."
-        )
-    else:
-        caption = (
-            "Targets for the delivered model on held-out episodes, beside what the paper reports. The paper does not "
-            "say whether its errors are squared or absolute; both are given (MSE, MAE). "
-            f"{_scale(paper.angles, transitions)}"
-        )
-    return Table(caption, columns, tuple(rows))
-
-
-def _scale(angles: AngleFigures, transitions: int) -> str:
-    if transitions >= angles.transitions:
-        return f"With {transitions:,} recorded transitions, these are the targets of the paper's scale."
-    return (
-        f"With {transitions:,} recorded transitions, where the paper has {angles.transitions:,}, the targets are those "
-        "of the quick scale."
-    )
 
 
 def exogenous_table(data: DataResult) -> Table:

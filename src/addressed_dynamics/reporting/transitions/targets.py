@@ -33,6 +33,30 @@ def judge_targets(evaluation: Evaluation, paper: PaperFigures, *, transitions: i
     return (*targets, *_rollout_targets(evaluation, paper))
 
 
+def targets_caption(paper: PaperFigures | None, transitions: int) -> str:
+    """Return what the table of targets shows, with so many recorded transitions."""
+    if paper is None or paper.angles is None:
+        return (
+            "What the paper reports, as targets for the delivered model on held-out episodes. The paper gives one "
+            "rollout figure for each dimension; that of the velocity is held against rollouts without wall contact, "
+            "because a contact one step late costs more than a whole rollout without one."
+        )
+    return (
+        "Targets for the delivered model on held-out episodes, beside what the paper reports. The paper does not "
+        "say whether its errors are squared or absolute; both are given (MSE, MAE). "
+        f"{_scale(paper.angles, transitions)}"
+    )
+
+
+def _scale(angles: AngleFigures, transitions: int) -> str:
+    if transitions >= angles.transitions:
+        return f"With {transitions:,} recorded transitions, these are the targets of the paper's scale."
+    return (
+        f"With {transitions:,} recorded transitions, where the paper has {angles.transitions:,}, the targets are those "
+        "of the quick scale."
+    )
+
+
 def _table_targets(table: AddressingResult, paper: PaperFigures, wanted: TableTargets) -> list[Target]:
     selected = [member.selected for member in table.members if member.selected is not None]
     ratios = [ratio for member in table.members if (ratio := separation(member)) is not None]

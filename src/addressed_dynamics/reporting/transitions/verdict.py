@@ -16,7 +16,7 @@ from addressed_dynamics.reporting.common.numbers import (
     significant,
     times,
 )
-from addressed_dynamics.reporting.common.targets import Target
+from addressed_dynamics.reporting.common.targets import Target, reached_words
 from addressed_dynamics.reporting.transitions.baseline_findings import baseline_findings
 from addressed_dynamics.reporting.transitions.comparison import MOST_NUMBERS, beats, compare
 from addressed_dynamics.reporting.transitions.paper import AngleFigures, PaperFigures
@@ -29,10 +29,7 @@ def verdict(evaluation: Evaluation, targets: Sequence[Target], paper: PaperFigur
     sentences = [_recommended(evaluation.recommendation)] if evaluation.recommendation else []
     what = "figures taken from the paper" if paper and paper.table else "targets"
     if targets:
-        met, unknown = (sum(target.met is state for target in targets) for state in (True, None))
-        how_many = "all" if met == len(targets) else in_words(met)
-        rest = f"; {in_words(unknown)} could not be measured" if unknown else ""
-        sentences.append(f"The model reaches {how_many} of the {in_words(len(targets))} {what}{rest}.")
+        sentences.append(f"The model reaches {reached_words(targets, what)}.")
     single = evaluation.baseline("total_parameters")
     if single:
         subject = "It" if targets else "The model"
