@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TypeVar
+from zipfile import BadZipFile
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
@@ -75,16 +77,36 @@ def columns_of(path: Path, rows: list[dict[str, str]], by: str) -> dict[str, Col
         raise ReportError(message) from error
 
 
+def read_arrays(path: Path, make: Callable[[Mapping[str, np.ndarray]], Value]) -> Value:
+    """Make something of the arrays that an evaluation wrote.
+
+    Args:
+        path: the file.
+        make: what becomes of its arrays, by their names; a `KeyError` says that one is missing.
+
+    Raises:
+        ReportError: it is missing or malformed, or lacks an array.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            return make(file)
+    except FileNotFoundError as error:
+        raise _missing_file(path) from error
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
+        message = f"{path}: not the arrays that the evaluate stage writes ({error}); run it again"
+        raise ReportError(message) from error
+
+
 def _read_text(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8")
     except FileNotFoundError as error:
-        raise missing_file(path) from error
+        raise _missing_file(path) from error
     except (OSError, UnicodeDecodeError) as error:
         message = f"{path}: cannot be read ({error}); run the stage that writes it again"
         raise ReportError(message) from error
 
 
-def missing_file(path: Path) -> ReportError:
+def _missing_file(path: Path) -> ReportError:
     """Return the error that says so of `path`."""
     return ReportError(f"{path}: missing, so there is nothing to report; 'dvc repro' makes it")

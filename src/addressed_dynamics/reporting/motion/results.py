@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from addressed_dynamics.base.errors import ReportError
 from addressed_dynamics.evaluation.motion.records import MotionEvaluation
-from addressed_dynamics.reporting.common.reading import missing_file, read_json
-from addressed_dynamics.reporting.common.trainings import Trainings, read_trainings
+from addressed_dynamics.reporting.common.results import Results, read_results
 from addressed_dynamics.reporting.motion.recorded import MotionData
 
 
@@ -54,12 +52,8 @@ class MotionArrays:
 
 
 @dataclass(frozen=True)
-class MotionResults(Trainings):
+class MotionResults(Results[MotionData, MotionEvaluation, MotionArrays]):
     """All that a report is made from."""
-
-    data: MotionData
-    evaluation: MotionEvaluation
-    arrays: MotionArrays
 
 
 def load_motion_results(figures: Path, evaluation: Path) -> MotionResults:
@@ -72,34 +66,19 @@ def load_motion_results(figures: Path, evaluation: Path) -> MotionResults:
     Raises:
         ReportError: a file is missing or malformed.
     """
-    found = read_json(evaluation / "evaluation.json", MotionEvaluation)
-    arrays = _read_arrays(evaluation / "arrays.npz")
-    if found.own_name not in arrays.loops:
-        message = f"{evaluation / 'arrays.npz'}: there is nothing of {found.own_name}; run evaluate again"
+    results = MotionResults(**read_results(figures, evaluation, MotionData, MotionEvaluation, _arrays))
+    own = results.evaluation.own_name
+    if own not in results.arrays.loops:
+        message = f"{evaluation / 'arrays.npz'}: there is nothing of {own}; run evaluate again"
         raise ReportError(message)
-    return MotionResults(
-        **read_trainings(figures),
-        data=read_json(figures / "convert" / "data.json", MotionData),
-        evaluation=found,
-        arrays=arrays,
+    return results
+
+
+def _arrays(file: Mapping[str, np.ndarray]) -> MotionArrays:
+    names = [name.removeprefix("frames.") for name in file if name.startswith("frames.")]
+    names.remove("true")
+    return MotionArrays(
+        file["frames.true"],
+        {name: file[f"frames.{name}"] for name in names},
+        {name: Loop(**{each.name: file[f"loop.{name}.{each.name}"] for each in fields(Loop)}) for name in names},
     )
-
-
-def _read_arrays(path: Path) -> MotionArrays:
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            names = [name.removeprefix("frames.") for name in file.files if name.startswith("frames.")]
-            names.remove("true")
-            return MotionArrays(
-                file["frames.true"],
-                {name: file[f"frames.{name}"] for name in names},
-                {
-                    name: Loop(**{each.name: file[f"loop.{name}.{each.name}"] for each in fields(Loop)})
-                    for name in names
-                },
-            )
-    except FileNotFoundError as error:
-        raise missing_file(path) from error
-    except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
-        message = f"{path}: not the arrays that the evaluate stage writes ({error}); run it again"
-        raise ReportError(message) from error

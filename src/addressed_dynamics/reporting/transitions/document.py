@@ -19,12 +19,12 @@ from addressed_dynamics.reporting.transitions.paper import PaperFigures
 from addressed_dynamics.reporting.transitions.quality import quality_blocks, warning_paragraphs
 from addressed_dynamics.reporting.transitions.recipes import recipes_table
 from addressed_dynamics.reporting.transitions.recorded import BlocksResult
-from addressed_dynamics.reporting.transitions.results import Results
+from addressed_dynamics.reporting.transitions.results import TransitionResults
 from addressed_dynamics.reporting.transitions.targets import judge_targets, targets_caption
 from addressed_dynamics.reporting.transitions.verdict import findings, verdict
 
 
-def build_report(results: Results, origin: Origin, paper: PaperFigures | None) -> Report:
+def build_report(results: TransitionResults, origin: Origin, paper: PaperFigures | None) -> Report:
     """Put the report together.
 
     Args:
@@ -60,7 +60,7 @@ def build_report(results: Results, origin: Origin, paper: PaperFigures | None) -
     )
 
 
-def headline(results: Results, paper: PaperFigures | None) -> dict[str, float]:
+def headline(results: TransitionResults, paper: PaperFigures | None) -> dict[str, float]:
     """Return the figures that a table of runs should show."""
     evaluation = results.evaluation
     metrics = {
@@ -80,7 +80,7 @@ def headline(results: Results, paper: PaperFigures | None) -> dict[str, float]:
     return metrics
 
 
-def _data_blocks(results: Results) -> tuple[Block, ...]:
+def _data_blocks(results: TransitionResults) -> tuple[Block, ...]:
     data = results.data
     coverage, per_dimension = data.coverage, data.coverage.per_dimension
     cells = listed([f"{percent(share, 0)} of {name}" for name, share in per_dimension.items()])
@@ -125,12 +125,12 @@ def _blocks_sentence(blocks: BlocksResult, transitions: int) -> str:
     )
 
 
-def _table_blocks(results: Results, paper: PaperFigures | None) -> tuple[Block, ...]:
+def _table_blocks(results: TransitionResults, paper: PaperFigures | None) -> tuple[Block, ...]:
     figure = members.loss_profiles(results.arrays)
     return (tables.paper_table(results.evaluation, paper), *([figure] if figure else []))
 
 
-def _addressing_blocks(results: Results, origin: Origin) -> tuple[Block, ...]:
+def _addressing_blocks(results: TransitionResults, origin: Origin) -> tuple[Block, ...]:
     if len(results.evaluation.table.members) < 2:
         return ()
     figure = members.state_maps(results.arrays, origin.features.spaces, origin.features.angles)
@@ -142,7 +142,7 @@ def _addressing_blocks(results: Results, origin: Origin) -> tuple[Block, ...]:
     )
 
 
-def _why_delivered(results: Results, deliver: str) -> str:
+def _why_delivered(results: TransitionResults, deliver: str) -> str:
     seed, variant = results.evaluation.delivered.seed, results.evaluation.delivered.variant
     title = variant.replace("_", "-")
     if deliver != "best":
@@ -161,7 +161,7 @@ def _why_delivered(results: Results, deliver: str) -> str:
     )
 
 
-def _specialisation_blocks(results: Results, paper: PaperFigures | None) -> tuple[Block, ...]:
+def _specialisation_blocks(results: TransitionResults, paper: PaperFigures | None) -> tuple[Block, ...]:
     evaluation = results.evaluation
     found = evaluation.specialisation
     if len(evaluation.table.members) < 2:
@@ -174,7 +174,7 @@ def _specialisation_blocks(results: Results, paper: PaperFigures | None) -> tupl
     )
 
 
-def _one_step_blocks(results: Results, origin: Origin, paper: PaperFigures | None) -> tuple[Block, ...]:
+def _one_step_blocks(results: TransitionResults, origin: Origin, paper: PaperFigures | None) -> tuple[Block, ...]:
     features, evaluation = origin.features, results.evaluation
     stated = (claims_table(evaluation, paper.angles),) if paper and paper.angles else ()
     return (
@@ -186,14 +186,14 @@ def _one_step_blocks(results: Results, origin: Origin, paper: PaperFigures | Non
     )
 
 
-def _efforts(results: Results, origin: Origin) -> dict[str, Effort]:
+def _efforts(results: TransitionResults, origin: Origin) -> dict[str, Effort]:
     """Return how long each baseline was trained, and the ensemble as `ensemble`."""
     train = results.data.splits.get("train")
     own = {"ensemble": ensemble_effort(origin.ensemble, train.transitions)} if train else {}
     return baseline_efforts(results.baselines) | own
 
 
-def _rollout_blocks(results: Results, origin: Origin, paper: PaperFigures | None) -> tuple[Block, ...]:
+def _rollout_blocks(results: TransitionResults, origin: Origin, paper: PaperFigures | None) -> tuple[Block, ...]:
     dimensions, evaluation = origin.features.spaces.observation, results.evaluation
     mechanics: tuple[Block, ...] = ()
     if found := evaluation.rollouts.physics:
@@ -211,12 +211,12 @@ def _rollout_blocks(results: Results, origin: Origin, paper: PaperFigures | None
     )
 
 
-def _seed_blocks(results: Results, origin: Origin) -> tuple[Block, ...]:
+def _seed_blocks(results: TransitionResults, origin: Origin) -> tuple[Block, ...]:
     beside_one = specialists_table(results.evaluation, _efforts(results, origin))
     seeds = tables.seed_table(results.evaluation, results.addressing.delivered)
     return (seeds, *([beside_one] if beside_one else []))
 
 
-def _training_blocks(results: Results) -> tuple[Block, ...]:
+def _training_blocks(results: TransitionResults) -> tuple[Block, ...]:
     figure = curves.addressing_training(results.addressing_curves, str(results.evaluation.delivered.seed))
     return (curves.ensemble_training(results.ensemble_curves), *([figure] if figure else []))

@@ -6,22 +6,14 @@ from collections.abc import Mapping
 from dataclasses import MISSING, Field, dataclass, fields
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from addressed_dynamics.base.errors import ReportError
 from addressed_dynamics.evaluation.transitions.records import Evaluation
-from addressed_dynamics.reporting.common.reading import (
-    Columns,
-    columns_of,
-    missing_file,
-    read_csv,
-    read_json,
-    read_rows,
-)
-from addressed_dynamics.reporting.common.trainings import Trainings, read_trainings
+from addressed_dynamics.reporting.common.reading import Columns, columns_of, read_csv, read_rows
+from addressed_dynamics.reporting.common.results import Results, read_results
 from addressed_dynamics.reporting.transitions.recorded import DataResult
 
 
@@ -64,19 +56,16 @@ class Arrays:
 
 
 @dataclass(frozen=True)
-class Results(Trainings):
+class TransitionResults(Results[DataResult, Evaluation, Arrays]):
     """All that a report is made from."""
 
-    data: DataResult
-    evaluation: Evaluation
     learner: Mapping[str, Columns]
     """learner.csv by segment: every finished episode with its `return`."""
     horizon: Mapping[str, Mapping[str, Columns]]
     """horizon.csv by group of rollouts, then by model."""
-    arrays: Arrays
 
 
-def load_results(figures: Path, evaluation: Path) -> Results:
+def load_results(figures: Path, evaluation: Path) -> TransitionResults:
     """Read what the stages before the report wrote.
 
     Args:
@@ -86,13 +75,10 @@ def load_results(figures: Path, evaluation: Path) -> Results:
     Raises:
         ReportError: a file is missing or malformed.
     """
-    results = Results(
-        **read_trainings(figures),
-        data=read_json(figures / "convert" / "data.json", DataResult),
-        evaluation=read_json(evaluation / "evaluation.json", Evaluation),
+    results = TransitionResults(
+        **read_results(figures, evaluation, DataResult, Evaluation, _arrays),
         learner=read_csv(figures / "convert" / "learner.csv", by="segment", needed=("return",)),
         horizon=_read_horizon(evaluation / "horizon.csv"),
-        arrays=_read_arrays(evaluation / "arrays.npz"),
     )
     found = results.evaluation
     delivered = results.addressing.delivered | {str(found.delivered.seed): found.delivered.variant}
@@ -111,15 +97,8 @@ def _read_horizon(path: Path) -> dict[str, dict[str, Columns]]:
     return {group: columns_of(path, rows, "model") for group, rows in groups.items()}
 
 
-def _read_arrays(path: Path) -> Arrays:
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            return Arrays(**{field.name: file[field.name] for field in fields(Arrays) if _is_there(field, file)})
-    except FileNotFoundError as error:
-        raise missing_file(path) from error
-    except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
-        message = f"{path}: not the arrays that the evaluate stage writes ({error}); run it again"
-        raise ReportError(message) from error
+def _arrays(file: Mapping[str, np.ndarray]) -> Arrays:
+    return Arrays(**{field.name: file[field.name] for field in fields(Arrays) if _is_there(field, file)})
 
 
 def _is_there(field: Field[Any], file: Mapping[str, np.ndarray]) -> bool:
