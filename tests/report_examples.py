@@ -18,7 +18,7 @@ from addressed_dynamics.evaluation.common.specialisation import specialisation
 from addressed_dynamics.evaluation.transitions.physics import SIMULATIONS
 from addressed_dynamics.evaluation.transitions.records import Evaluation, Recipe
 from addressed_dynamics.features.transitions.spec import Angle, FeatureSpec, predicted_dimensions
-from addressed_dynamics.reporting.transitions.origin import Origin
+from addressed_dynamics.reporting.common.origin import Origin
 
 OTHERS = ("total_parameters/seed-0", "wide/seed-0", "unequal_bins/seed-0", "random_bins/seed-0")
 
@@ -325,7 +325,7 @@ def recipe(features: FeatureSpec, ensemble: dict[str, Any] | None = None, **addr
     )
 
 
-def origin(spaces: SpaceSpec = CAR, **changes: Any) -> Origin:
+def origin(spaces: SpaceSpec = CAR, **changes: Any) -> Origin[FeatureSpec]:
     values: dict[str, Any] = {
         "title": "MountainCar",
         "params_file": "params.yaml",

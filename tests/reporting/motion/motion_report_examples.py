@@ -14,7 +14,7 @@ from addressed_dynamics.base.params.training import AddressingParams, EnsemblePa
 from addressed_dynamics.episodes.layout import JOINTS, OUTPUT
 from addressed_dynamics.evaluation.common.specialisation import specialisation
 from addressed_dynamics.evaluation.motion.records import MotionEvaluation
-from addressed_dynamics.reporting.motion.origin import MotionOrigin
+from addressed_dynamics.reporting.common.origin import Origin
 from addressed_dynamics.sources.motion.params import MotionFeatureParams
 
 FRAMES = 40
@@ -232,7 +232,7 @@ def write_results(folder: Path, *, prefix: str = "Walker", **changes: Any) -> tu
     return figures, target
 
 
-def origin(**changes: Any) -> MotionOrigin:
+def origin(**changes: Any) -> Origin[MotionFeatureParams]:
     values: dict[str, Any] = {
         "title": "Motion",
         "params_file": "params.yaml",
@@ -240,13 +240,12 @@ def origin(**changes: Any) -> MotionOrigin:
         "commit": "abc",
         "versions": {"torch": "2.0"},
         "features": MotionFeatureParams(target="trajectory_change"),
-        "paper": True,
         "ensemble": EnsembleParams.model_validate(EXAMPLE["ensemble"], strict=False),
         "addressing": AddressingParams.model_validate(EXAMPLE["addressing"], strict=False),
         "runs": {"ensemble/seed-0": "0123456789abcdef"},
         "experiment": "pfnn",
     }
-    return MotionOrigin(**values | changes)
+    return Origin(**values | changes)
 
 
 def _write_csv(path: Path, training: str, columns: list[str]) -> None:

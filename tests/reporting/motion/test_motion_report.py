@@ -47,7 +47,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> MotionResults:
 
 @pytest.fixture(scope="module")
 def report(results: MotionResults) -> Report:
-    return build_motion_report(results, origin())
+    return build_motion_report(results, origin(), paper=True)
 
 
 def tables(report: Report) -> list[Table]:

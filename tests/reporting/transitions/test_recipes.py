@@ -19,14 +19,15 @@ from report_examples import (
 )
 
 from addressed_dynamics.base.errors import ReportError
-from addressed_dynamics.base.params.training import AddressingParams
+from addressed_dynamics.base.params.training import AddressingParams, EnsembleParams
 from addressed_dynamics.evaluation.transitions.records import Evaluation
-from addressed_dynamics.reporting.common.blocks import Facts, Table
-from addressed_dynamics.reporting.transitions.origin import run_facts
+from addressed_dynamics.features.transitions.spec import FeatureSpec
+from addressed_dynamics.reporting.common.blocks import Table
+from addressed_dynamics.reporting.common.origin import Origin, run_facts
 from addressed_dynamics.reporting.transitions.paper import PAPER, PaperFigures
 from addressed_dynamics.reporting.transitions.recipes import recipes_finding, recipes_table
 from addressed_dynamics.reporting.transitions.results import load_results
-from addressed_dynamics.reporting.transitions.settings import SETTINGS
+from addressed_dynamics.reporting.transitions.settings import SETTINGS, model_words
 from addressed_dynamics.reporting.transitions.tables import one_step_table
 from addressed_dynamics.reporting.transitions.verdict import findings
 
@@ -53,24 +54,33 @@ def cells(table: Table | None) -> dict[str, tuple[str, ...]]:
     return {name: values for name, *values in (row.cells for row in table.rows)}
 
 
-def facts(block: Facts) -> dict[str, str]:
-    return dict(block.items)
+def facts(found: Origin[FeatureSpec]) -> dict[str, str]:
+    return dict(run_facts(found, model_words(found.features), 0).items)
 
 
 def test_a_run_says_its_recipe_and_what_its_networks_are_given_and_asked_for() -> None:
-    said = facts(run_facts(origin(), 0))
+    said = facts(origin())
     assert said["Recipe"] == "the default"
     assert said["Inputs"] == "one frame: a state with its action"
     assert said["Subnetworks"].endswith("they predict the change of the state")
     assert "Angles" not in said
     assert said["Addressing"] == "hidden layers 16, relu"
+    assert "dropout" not in "".join(said.values())
+
+
+def test_a_run_with_dropout_says_so_of_both_phases() -> None:
+    ensemble = EnsembleParams.model_validate(EXAMPLE["ensemble"] | {"dropout": 0.1}, strict=False)
+    addressing = AddressingParams.model_validate(EXAMPLE["addressing"] | {"dropout": 0.2}, strict=False)
+    said = facts(origin(ensemble=ensemble, addressing=addressing))
+    assert said["Phase 1"].endswith(", dropout 0.1")
+    assert said["Phase 2"].endswith(", dropout 0.2")
 
 
 def test_a_run_with_history_angles_and_heads_says_all_of_them() -> None:
     features = features_of(ACROBOT, ACROBOT_ANGLES, history=6, history_weight=0.3, velocity="difference")
     heads = {"hidden": [512, 512], "heads": [256, 256]}
     addressing = AddressingParams.model_validate(EXAMPLE["addressing"] | heads, strict=False)
-    said = facts(run_facts(origin(ACROBOT, features=features, addressing=addressing, recipe="paper"), 0))
+    said = facts(origin(ACROBOT, features=features, addressing=addressing, recipe="paper"))
     assert said["Recipe"] == "the paper's"
     assert said["Inputs"] == "6 frames in a row, each a state with its action; older frames weigh 0.3 times the last"
     assert said["Angles"] == (
@@ -80,7 +90,7 @@ def test_a_run_with_history_angles_and_heads_says_all_of_them() -> None:
         "a trunk with hidden layers 512 × 512, on it 2 heads with hidden layers 256 × 256, relu"
     )
     predicted = features_of(ACROBOT, ACROBOT_ANGLES, history=6, angle_from="weighted")
-    said = facts(run_facts(origin(ACROBOT, features=predicted), 0))
+    said = facts(origin(ACROBOT, features=predicted))
     assert said["Inputs"] == "6 frames in a row, each a state with its action"
     assert said["Angles"].endswith("by the paper's weighted mean (Section 3.3); their velocities are predicted")
 

@@ -36,5 +36,10 @@ def optimiser_words(optimiser: OptimiserParams) -> str:
     return f"Adam, learning rate {optimiser.learning_rate:g}, {course}, betas {first:g} and {second:g}"
 
 
+def dropout_words(share: float) -> str:
+    """Return the share of inputs that are left out in training, as the end of a list; empty without."""
+    return f", dropout {share:g}" if share else ""
+
+
 def _layers(widths: tuple[int, ...]) -> str:
     return f"hidden layers {' × '.join(map(str, widths))}" if widths else "no hidden layer"

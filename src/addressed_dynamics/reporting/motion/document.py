@@ -9,35 +9,39 @@ from addressed_dynamics.evaluation.motion.records import ENSEMBLE, MotionEvaluat
 from addressed_dynamics.reporting.common.blocks import Block, Report, Section, Text
 from addressed_dynamics.reporting.common.comparison import baseline_efforts, ensemble_effort
 from addressed_dynamics.reporting.common.figures import curves, histograms, specialisation
+from addressed_dynamics.reporting.common.origin import Origin, run_facts
 from addressed_dynamics.reporting.common.runs import run_blocks
 from addressed_dynamics.reporting.common.targets import reached, target_table
 from addressed_dynamics.reporting.motion import loop_tables, tables
 from addressed_dynamics.reporting.motion.figures import addressing, closed_loop, films, one_step
-from addressed_dynamics.reporting.motion.origin import MotionOrigin, run_facts
 from addressed_dynamics.reporting.motion.paper import SOURCES
 from addressed_dynamics.reporting.motion.recorded import data_blocks
 from addressed_dynamics.reporting.motion.results import MotionResults
+from addressed_dynamics.reporting.motion.settings import model_words
 from addressed_dynamics.reporting.motion.targets import judge_targets, targets_caption
 from addressed_dynamics.reporting.motion.verdict import findings, verdict
+from addressed_dynamics.sources.motion.params import MotionFeatureParams
 
 WORDS = specialisation.Words(held_out="held-out clips", scaled="normalised outputs")
 """What samples and losses of motion are called."""
 
 
-def build_motion_report(results: MotionResults, origin: MotionOrigin) -> Report:
+def build_motion_report(results: MotionResults, origin: Origin[MotionFeatureParams], *, paper: bool) -> Report:
     """Put the report together.
 
     Args:
         results: what was measured.
         origin: where it comes from.
+        paper: whether what the paper states of motion stands beside the figures.
     """
     evaluation, made_up = results.evaluation, results.data.made_up
+    delivered = evaluation.delivered
     targets = judge_targets(evaluation)
     sections = (
         Section("In motion", (films.films(evaluation, results.arrays),)),
-        Section("What was run", (run_facts(origin, evaluation.delivered),)),
+        Section("What was run", (run_facts(origin, model_words(origin.features, delivered.mode), delivered.seed),)),
         Section("The data", data_blocks(results.data)),
-        Section("One step ahead", _one_step_blocks(results, origin)),
+        Section("One step ahead", _one_step_blocks(results, origin, paper=paper)),
         Section("Addressing", addressing_blocks(evaluation)),
         Section("Closed loop", _loop_blocks(results)),
         Section("Seeds", (tables.seed_table(evaluation),)),
@@ -49,10 +53,8 @@ def build_motion_report(results: MotionResults, origin: MotionOrigin) -> Report:
         title=origin.title,
         subtitle=subtitle(made_up=made_up),
         verdict=verdict(evaluation, targets, made_up=made_up),
-        findings=findings(evaluation, made_up=made_up, target=origin.features.target, paper=origin.paper),
-        targets=target_table(
-            targets, targets_caption(len(evaluation.models[evaluation.own_group]), paper=origin.paper)
-        ),
+        findings=findings(evaluation, made_up=made_up, target=origin.features.target, paper=paper),
+        targets=target_table(targets, targets_caption(len(evaluation.models[evaluation.own_group]), paper=paper)),
         sections=tuple(section for section in sections if section.blocks),
     )
 
@@ -110,13 +112,13 @@ def _loop_blocks(results: MotionResults) -> tuple[Block, ...]:
     )
 
 
-def _one_step_blocks(results: MotionResults, origin: MotionOrigin) -> tuple[Block, ...]:
+def _one_step_blocks(results: MotionResults, origin: Origin[MotionFeatureParams], *, paper: bool) -> tuple[Block, ...]:
     evaluation = results.evaluation
     efforts = {name.partition("/seed-")[0]: each for name, each in baseline_efforts(results.baselines).items()}
     if "train" in evaluation.splits:
         efforts[ENSEMBLE] = ensemble_effort(origin.ensemble, evaluation.splits["train"])
     return (
-        tables.one_step_table(evaluation, efforts, paper=origin.paper),
+        tables.one_step_table(evaluation, efforts, paper=paper),
         tables.block_table(evaluation),
         one_step.joint_errors(evaluation),
         one_step.frames_over_time(evaluation, results.arrays),

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from addressed_dynamics.evaluation.transitions.records import Recipe
+from addressed_dynamics.features.transitions.spec import FeatureSpec
 from addressed_dynamics.reporting.common.blocks import Block, Report, Section, Text
 from addressed_dynamics.reporting.common.comparison import Effort, baseline_efforts, ensemble_effort
 from addressed_dynamics.reporting.common.figures import curves, histograms, specialisation
 from addressed_dynamics.reporting.common.numbers import listed, percent, scientific
+from addressed_dynamics.reporting.common.origin import Origin, run_facts
 from addressed_dynamics.reporting.common.paper import CITATION
 from addressed_dynamics.reporting.common.runs import run_blocks
 from addressed_dynamics.reporting.common.targets import reached, target_table
@@ -14,17 +17,17 @@ from addressed_dynamics.reporting.transitions.animation.rollouts import animatio
 from addressed_dynamics.reporting.transitions.claims import claims_table, specialists_table
 from addressed_dynamics.reporting.transitions.figures import comparison, episodes, members, physics
 from addressed_dynamics.reporting.transitions.figures.angles import angle_forms
-from addressed_dynamics.reporting.transitions.origin import Origin, run_facts
 from addressed_dynamics.reporting.transitions.paper import PaperFigures
 from addressed_dynamics.reporting.transitions.quality import quality_blocks, warning_paragraphs
 from addressed_dynamics.reporting.transitions.recipes import recipes_table
 from addressed_dynamics.reporting.transitions.recorded import BlocksResult
 from addressed_dynamics.reporting.transitions.results import TransitionResults
+from addressed_dynamics.reporting.transitions.settings import model_words
 from addressed_dynamics.reporting.transitions.targets import judge_targets, targets_caption
 from addressed_dynamics.reporting.transitions.verdict import findings, verdict
 
 
-def build_report(results: TransitionResults, origin: Origin, paper: PaperFigures | None) -> Report:
+def build_report(results: TransitionResults, origin: Origin[FeatureSpec], paper: PaperFigures | None) -> Report:
     """Put the report together.
 
     Args:
@@ -36,7 +39,7 @@ def build_report(results: TransitionResults, origin: Origin, paper: PaperFigures
     targets = judge_targets(evaluation, paper, transitions=results.data.transitions) if paper else ()
     held_against = " and held against the paper" if paper else ""
     sections = (
-        Section("What was run", (run_facts(origin, evaluation.delivered.seed),)),
+        Section("What was run", (run_facts(origin, model_words(origin.features), evaluation.delivered.seed),)),
         Section("The data", _data_blocks(results)),
         Section("Data quality", quality_blocks(results.data)),
         Section("Table 1" if paper and paper.networks else "Subnetworks", _table_blocks(results, paper)),
@@ -44,7 +47,7 @@ def build_report(results: TransitionResults, origin: Origin, paper: PaperFigures
         Section("Specialisation", _specialisation_blocks(results, paper)),
         Section("One step ahead", _one_step_blocks(results, origin, paper)),
         Section("Rollouts", _rollout_blocks(results, origin, paper)),
-        Section("The two recipes", (both,) if (both := recipes_table(evaluation, origin.settings)) else ()),
+        Section("The two recipes", (both,) if (both := recipes_table(evaluation, _recipe(origin))) else ()),
         Section("Seeds", _seed_blocks(results, origin)),
         Section("Training", _training_blocks(results)),
         Section("Runs", run_blocks(origin.experiment, origin.runs)),
@@ -78,6 +81,10 @@ def headline(results: TransitionResults, paper: PaperFigures | None) -> dict[str
             f"rollout_mse/{name}": spread.median for name, spread in evaluation.own.rollouts.all.mse.items() if spread
         }
     return metrics
+
+
+def _recipe(origin: Origin[FeatureSpec]) -> Recipe:
+    return Recipe(features=origin.features.params, ensemble=origin.ensemble, addressing=origin.addressing)
 
 
 def _data_blocks(results: TransitionResults) -> tuple[Block, ...]:
@@ -130,7 +137,7 @@ def _table_blocks(results: TransitionResults, paper: PaperFigures | None) -> tup
     return (tables.paper_table(results.evaluation, paper), *([figure] if figure else []))
 
 
-def _addressing_blocks(results: TransitionResults, origin: Origin) -> tuple[Block, ...]:
+def _addressing_blocks(results: TransitionResults, origin: Origin[FeatureSpec]) -> tuple[Block, ...]:
     if len(results.evaluation.table.members) < 2:
         return ()
     figure = members.state_maps(results.arrays, origin.features.spaces, origin.features.angles)
@@ -174,7 +181,9 @@ def _specialisation_blocks(results: TransitionResults, paper: PaperFigures | Non
     )
 
 
-def _one_step_blocks(results: TransitionResults, origin: Origin, paper: PaperFigures | None) -> tuple[Block, ...]:
+def _one_step_blocks(
+    results: TransitionResults, origin: Origin[FeatureSpec], paper: PaperFigures | None
+) -> tuple[Block, ...]:
     features, evaluation = origin.features, results.evaluation
     stated = (claims_table(evaluation, paper.angles),) if paper and paper.angles else ()
     return (
@@ -186,14 +195,16 @@ def _one_step_blocks(results: TransitionResults, origin: Origin, paper: PaperFig
     )
 
 
-def _efforts(results: TransitionResults, origin: Origin) -> dict[str, Effort]:
+def _efforts(results: TransitionResults, origin: Origin[FeatureSpec]) -> dict[str, Effort]:
     """Return how long each baseline was trained, and the ensemble as `ensemble`."""
     train = results.data.splits.get("train")
     own = {"ensemble": ensemble_effort(origin.ensemble, train.transitions)} if train else {}
     return baseline_efforts(results.baselines) | own
 
 
-def _rollout_blocks(results: TransitionResults, origin: Origin, paper: PaperFigures | None) -> tuple[Block, ...]:
+def _rollout_blocks(
+    results: TransitionResults, origin: Origin[FeatureSpec], paper: PaperFigures | None
+) -> tuple[Block, ...]:
     dimensions, evaluation = origin.features.spaces.observation, results.evaluation
     mechanics: tuple[Block, ...] = ()
     if found := evaluation.rollouts.physics:
@@ -211,7 +222,7 @@ def _rollout_blocks(results: TransitionResults, origin: Origin, paper: PaperFigu
     )
 
 
-def _seed_blocks(results: TransitionResults, origin: Origin) -> tuple[Block, ...]:
+def _seed_blocks(results: TransitionResults, origin: Origin[FeatureSpec]) -> tuple[Block, ...]:
     beside_one = specialists_table(results.evaluation, _efforts(results, origin))
     seeds = tables.seed_table(results.evaluation, results.addressing.delivered)
     return (seeds, *([beside_one] if beside_one else []))

@@ -1,19 +1,16 @@
 """What transitions supply to the stage that writes the report."""
 
-from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float32
 
-from addressed_dynamics.base.params.training import AddressingParams, EnsembleParams
 from addressed_dynamics.features.transitions.spec import FeatureSpec
-from addressed_dynamics.networks.files import load_network
 from addressed_dynamics.reporting.common.further import with_further_measures
+from addressed_dynamics.reporting.common.origin import load_trained, origin_of
 from addressed_dynamics.reporting.common.render import write_report
 from addressed_dynamics.reporting.common.written import Subject, Written
 from addressed_dynamics.reporting.transitions.document import build_report, headline
-from addressed_dynamics.reporting.transitions.origin import Origin
 from addressed_dynamics.reporting.transitions.paper import PAPER
 from addressed_dynamics.reporting.transitions.results import Arrays, load_results
 from addressed_dynamics.simulators.addressed import AddressedDynamics
@@ -26,25 +23,14 @@ def write(subject: Subject, target: Path) -> Written:
     """Write the report on `subject` into the folder `target`."""
     results = load_results(subject.figures, subject.evaluation)
     delivered = results.evaluation.delivered
-    ensemble = load_network(subject.models / "ensemble" / f"seed-{delivered.seed}", FeatureSpec)
-    addressing = load_network(subject.models / "addressing" / f"seed-{delivered.seed}" / delivered.variant, FeatureSpec)
-    origin = Origin(
-        title=subject.params.title,
-        params_file=subject.params_file,
-        recipe=subject.params.recipe,
-        commit=subject.commit,
-        versions={name: version(name) for name in LIBRARIES},
-        features=ensemble.features,
-        ensemble=EnsembleParams.model_validate(ensemble.notes["params"]["ensemble"], strict=False),
-        addressing=AddressingParams.model_validate(addressing.notes["params"], strict=False),
-        runs=subject.runs,
-        experiment=subject.experiment,
-    )
+    trained = load_trained(subject, FeatureSpec, seed=delivered.seed, variant=delivered.variant)
+    features = trained.ensemble.features
+    origin = origin_of(subject, trained, features, LIBRARIES)
     paper = PAPER[subject.params.paper] if subject.params.paper else None
     report = with_further_measures(build_report(results, origin, paper), subject.evaluation)
     write_report(report, target)
-    model = PortableDynamics(AddressedDynamics(ensemble.features, ensemble.stack, addressing.stack))
-    example = _input_example(results.arrays, ensemble.features.history)
+    model = PortableDynamics(AddressedDynamics(features, trained.ensemble.stack, trained.addressing.stack))
+    example = _input_example(results.arrays, features.history)
     return Written(headline(results, paper), report.verdict, (model, example))
 
 

@@ -4,11 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
+import numpy as np
+
 from addressed_dynamics.episodes.transitions import Dimension
 from addressed_dynamics.evaluation.transitions.records import Recipe
+from addressed_dynamics.features.transitions.spec import FeatureSpec
 from addressed_dynamics.reporting.common.numbers import listed
+from addressed_dynamics.reporting.common.origin import ModelWords
 from addressed_dynamics.reporting.common.settings import addressing_words, bins_words, optimiser_words, subnetwork_words
 from addressed_dynamics.sources.transitions.params import FeatureParams
+
+
+def model_words(features: FeatureSpec) -> ModelWords:
+    """Return what a report says of networks with these features."""
+    formed = {"Exogenous inputs": exogenous_words(features.spaces.exogenous), "Angles": angle_sentence(features.params)}
+    return ModelWords(
+        given={"Inputs": frames_words(features.params)},
+        predicted=target_words(features.params),
+        formed=formed,
+        notes={"Scale": scale_words(features.spaces.observation)},
+    )
+
+
+def scale_words(dimensions: Sequence[Dimension]) -> str:
+    """Return by what dimensions of the state are scaled that have no bounds; empty if all have."""
+    unbounded = [each.name for each in dimensions if not np.isfinite([each.low, each.high]).all()]
+    return f"of {listed(unbounded)}: the range of the training data, for lack of bounds" if unbounded else ""
 
 
 def target_words(features: FeatureParams) -> str:
