@@ -18,7 +18,12 @@ from addressed_dynamics.evaluation.common.specialisation import specialisation
 from addressed_dynamics.evaluation.transitions.physics import SIMULATIONS
 from addressed_dynamics.evaluation.transitions.records import Evaluation, Recipe
 from addressed_dynamics.features.transitions.spec import Angle, FeatureSpec, predicted_dimensions
+from addressed_dynamics.reporting.common.blocks import Report
+from addressed_dynamics.reporting.common.document import build_report
 from addressed_dynamics.reporting.common.origin import Origin
+from addressed_dynamics.reporting.transitions.document import account
+from addressed_dynamics.reporting.transitions.paper import PaperFigures
+from addressed_dynamics.reporting.transitions.results import TransitionResults
 
 OTHERS = ("total_parameters/seed-0", "wide/seed-0", "unequal_bins/seed-0", "random_bins/seed-0")
 
@@ -339,6 +344,10 @@ def origin(spaces: SpaceSpec = CAR, **changes: Any) -> Origin[FeatureSpec]:
         "experiment": "mountaincar",
     }
     return Origin(**values | changes)
+
+
+def transitions_report(results: TransitionResults, origin: Origin[FeatureSpec], paper: PaperFigures | None) -> Report:
+    return build_report(account(results, origin, paper), results, origin)
 
 
 def _write_csv(path: Path, rows: list[dict[str, Any]]) -> None:

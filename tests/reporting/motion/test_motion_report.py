@@ -23,11 +23,12 @@ from motion_report_examples import (
 from addressed_dynamics.evaluation.motion.records import MotionEvaluation
 from addressed_dynamics.reporting.common.blocks import Report, Table, Text
 from addressed_dynamics.reporting.common.comparison import Effort
+from addressed_dynamics.reporting.common.document import build_report
 from addressed_dynamics.reporting.common.render import render_html, render_markdown
 from addressed_dynamics.reporting.common.runs import run_blocks
 from addressed_dynamics.reporting.motion.document import (
     addressing_blocks,
-    build_motion_report,
+    motion_account,
     motion_headline,
     subtitle,
 )
@@ -47,7 +48,8 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> MotionResults:
 
 @pytest.fixture(scope="module")
 def report(results: MotionResults) -> Report:
-    return build_motion_report(results, origin(), paper=True)
+    found = origin()
+    return build_report(motion_account(results, found, paper=True), results, found)
 
 
 def tables(report: Report) -> list[Table]:

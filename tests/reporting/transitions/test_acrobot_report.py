@@ -17,6 +17,7 @@ from report_examples import (
     recipe,
     shares,
     table,
+    transitions_report,
     with_other_recipe,
     write_results,
 )
@@ -31,7 +32,7 @@ from addressed_dynamics.reporting.common.figures.histograms import loss_histogra
 from addressed_dynamics.reporting.common.figures.specialisation import mean_losses, samples_by_member
 from addressed_dynamics.reporting.common.render import render_markdown
 from addressed_dynamics.reporting.transitions.claims import claims_table, specialists_table
-from addressed_dynamics.reporting.transitions.document import build_report, headline
+from addressed_dynamics.reporting.transitions.document import headline
 from addressed_dynamics.reporting.transitions.figures.members import loss_profiles, state_maps
 from addressed_dynamics.reporting.transitions.paper import PAPER, AngleFigures
 from addressed_dynamics.reporting.transitions.results import Arrays, load_results
@@ -309,7 +310,7 @@ def test_the_report_of_acrobot_is_whole(tmp_path: Path) -> None:
     both = with_other_recipe(document(), theirs, (1e-5, 1e-4), **kind)
     added = {name: both[name] for name in ("candidates", "other_recipe")}
     results = load_results(*write_results(tmp_path, loss="mae", **EXAMPLE, **added))
-    report = build_report(results, origin(SPACES, title="Acrobot"), ACROBOT_PAPER)
+    report = transitions_report(results, origin(SPACES, title="Acrobot"), ACROBOT_PAPER)
     titles = [section.title for section in report.sections]
     assert {"Subnetworks", "Specialisation"} < set(titles)
     assert titles[titles.index("Rollouts") + 1] == "The two recipes"

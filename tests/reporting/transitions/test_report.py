@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from acrobot_recordings import acrobot_spaces
 from builders import CAR
-from report_examples import DATA, FILES, origin, write_results
+from report_examples import DATA, FILES, origin, transitions_report, write_results
 
 from addressed_dynamics.episodes.transitions import ContinuousAction, Dimension, SpaceSpec
 from addressed_dynamics.reporting.common.blocks import Block, Report, Table, Text
 from addressed_dynamics.reporting.common.render import render_html, render_markdown, write_report
 from addressed_dynamics.reporting.common.runs import run_blocks
-from addressed_dynamics.reporting.transitions.document import build_report, headline
+from addressed_dynamics.reporting.transitions.document import headline
 from addressed_dynamics.reporting.transitions.paper import PAPER
 from addressed_dynamics.reporting.transitions.quality import quality_blocks
 from addressed_dynamics.reporting.transitions.recorded import DataResult
@@ -55,7 +55,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Report:
 
 def example(folder: Path, **changes: Any) -> Report:
     spaces = changes.get("spaces", CAR)
-    return build_report(load_results(*write_results(folder, **changes)), origin(spaces), CAR_PAPER)
+    return transitions_report(load_results(*write_results(folder, **changes)), origin(spaces), CAR_PAPER)
 
 
 def tables(report: Report) -> list[Table]:
@@ -165,7 +165,7 @@ def test_imported_logs_have_a_report_without_walls_the_paper_s_claims_or_a_learn
     coverage = {"cells_per_dimension": 50, "per_dimension": {"joint_0": 1.0}, "plane": None}
     (tmp_path / FILES["data.json"]).write_text(json.dumps(DATA | {"segments": segments, "coverage": coverage}))
     results = load_results(figures, arrays)
-    report = build_report(results, origin(spaces), None)
+    report = transitions_report(results, origin(spaces), None)
     text = render_markdown(report)
     for absent in ("wall", "leave the bounds", "leaves the bounds", "Table 1", "goal", "nan"):
         assert absent not in text, absent
@@ -183,7 +183,7 @@ def test_imported_logs_have_a_report_without_walls_the_paper_s_claims_or_a_learn
 def test_rollouts_of_acrobot_have_their_angles_and_energy_in_the_report(tmp_path: Path) -> None:
     changes: dict[str, Any] = {"wall_free": None, "segments": {"learning": 3, "zero_torque": 2}}
     spaces = acrobot_spaces()
-    report = build_report(load_results(*write_results(tmp_path, spaces=spaces, **changes)), origin(spaces), None)
+    report = transitions_report(load_results(*write_results(tmp_path, spaces=spaces, **changes)), origin(spaces), None)
     shown = [panel.name for panel in report.panels]
     assert {f"{name}-{group}" for name in ("angle-1-error", "energy-drift") for group in (0, 1)} < set(shown)
     assert len(shown) == len(set(shown))
@@ -347,7 +347,7 @@ def test_a_title_with_markup_is_text_in_the_page(report: Report) -> None:
 
 def test_one_member_without_addressing_and_a_paper_have_a_report_of_the_rest(tmp_path: Path) -> None:
     results = load_results(*write_results(tmp_path, members=1, wall_free=0, samples=2))
-    report = build_report(results, origin(runs={}, commit=""), None)
+    report = transitions_report(results, origin(runs={}, commit=""), None)
     assert "the paper, network" not in render_markdown(report)
     assert "figures taken from the paper" not in report.verdict
     assert not {"Addressing", "Runs"} & {section.title for section in report.sections}
@@ -373,7 +373,7 @@ def test_exogenous_inputs_are_listed_with_their_ranges_and_their_role(tmp_path: 
     document = json.loads((tmp_path / FILES["evaluation.json"]).read_text())
     document["rollouts"]["exogenous"] = ["wind", "slope"]
     (tmp_path / FILES["evaluation.json"]).write_text(json.dumps(document))
-    report = build_report(load_results(figures, arrays), origin(spaces), None)
+    report = transitions_report(load_results(figures, arrays), origin(spaces), None)
     (table,) = (each for each in tables(report) if each.columns[0].header == "Input")
     role = "exogenous: known, not predicted"
     assert [row.cells for row in table.rows] == [
@@ -403,7 +403,7 @@ BLOCKS = {
 def data_section(folder: Path, changes: dict[str, Any]) -> str:
     figures, arrays = write_results(folder)
     (folder / FILES["data.json"]).write_text(json.dumps(DATA | changes))
-    text = render_markdown(build_report(load_results(figures, arrays), origin(CAR), CAR_PAPER))
+    text = render_markdown(transitions_report(load_results(figures, arrays), origin(CAR), CAR_PAPER))
     return text.partition("## The data")[2].partition("## Data quality")[0]
 
 

@@ -1,18 +1,25 @@
-"""A report in one sentence."""
+"""A report of one sentence and one table; the rest is that of every report."""
 
-import json
 from pathlib import Path
 
-from addressed_dynamics.reporting.common.blocks import Column, Report, Section, Table, Text
-from addressed_dynamics.reporting.common.render import write_report
+from addressed_dynamics.features.thermostat.kind import ThermostatFeatures
+
+from addressed_dynamics.reporting.common.blocks import Column, Row, Section, Table
+from addressed_dynamics.reporting.common.document import Account, write_account
+from addressed_dynamics.reporting.common.origin import load_trained, origin_of
+from addressed_dynamics.reporting.common.reading import read_json
+from addressed_dynamics.reporting.common.results import Trainings, read_trainings
 from addressed_dynamics.reporting.common.written import Subject, Written
 
 
 def write(subject: Subject, target: Path) -> Written:
     """Write the report."""
-    found = json.loads((subject.evaluation / "evaluation.json").read_text(encoding="utf-8"))
+    found = read_json(subject.evaluation / "evaluation.json", dict[str, float])
+    rows = tuple(Row((name, f"{value:.3g}")) for name, value in found.items())
+    table = Table("Errors in degrees.", (Column("Error", numeric=False), Column("degrees")), rows)
     verdict = f"The room is off by {found['mean_error']:.3g} degrees."
-    sections = tuple(Section(name, (Text((f"{value:.3g} degrees",)),)) for name, value in found.items())
-    targets = Table("Targets.", (Column("what"),), ())
-    write_report(Report(subject.params.title, subject.experiment, verdict, (), targets, sections), target)
+    account = Account(verdict, found=(Section("Errors", (table,)),))
+    trained = load_trained(subject, ThermostatFeatures)
+    origin = origin_of(subject, trained, trained.ensemble.features)
+    write_account(account, Trainings(**read_trainings(subject.figures)), origin, subject, target)
     return Written(found, verdict)

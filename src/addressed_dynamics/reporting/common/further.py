@@ -1,34 +1,23 @@
 """Measures that have no section of their own: each is a table, under what its author says of it."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from addressed_dynamics.evaluation.common.measures import MEASURES, Row, read_rows_of_measures
-from addressed_dynamics.reporting.common.blocks import Column, Report, Section, Table
+from addressed_dynamics.reporting.common.blocks import Block, Column, Table
 from addressed_dynamics.reporting.common.blocks import Row as Line
 from addressed_dynamics.reporting.common.numbers import MISSING, significant
 
-TITLE = "Further measures"
-BEFORE = "Training"
-"""Title of the section in front of which these stand; at the end of a report without it."""
 
-
-def with_further_measures(report: Report, evaluation: Path) -> Report:
-    """Return a report with a section on those measures in the folder of an evaluation that no other section shows.
+def further_measures(evaluation: Path) -> tuple[Block, ...]:
+    """Return those measures in the folder of an evaluation that no section of a kind's own shows.
 
     Raises:
         EvaluationError: the table of measures is missing or damaged.
     """
     rows = [row for row in read_rows_of_measures(evaluation / MEASURES) if row.meaning]
     measures = dict.fromkeys(row.measure for row in rows)
-    blocks = tuple(_table([row for row in rows if row.measure == measure]) for measure in measures)
-    if not blocks:
-        return report
-    titles = [section.title for section in report.sections]
-    place = titles.index(BEFORE) if BEFORE in titles else len(titles)
-    sections = (*report.sections[:place], Section(TITLE, blocks), *report.sections[place:])
-    return replace(report, sections=sections)
+    return tuple(_table([row for row in rows if row.measure == measure]) for measure in measures)
 
 
 def _table(rows: Sequence[Row]) -> Table:

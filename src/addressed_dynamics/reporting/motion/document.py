@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from statistics import median
 
-from addressed_dynamics.evaluation.common.records import BaselineLosses
 from addressed_dynamics.evaluation.motion.records import ENSEMBLE, MotionEvaluation
-from addressed_dynamics.reporting.common.blocks import Block, Report, Section, Text
+from addressed_dynamics.reporting.common.blocks import Block, Section
 from addressed_dynamics.reporting.common.comparison import baseline_efforts, ensemble_effort
-from addressed_dynamics.reporting.common.figures import curves, histograms, specialisation
-from addressed_dynamics.reporting.common.origin import Origin, run_facts
-from addressed_dynamics.reporting.common.runs import run_blocks
-from addressed_dynamics.reporting.common.targets import reached, target_table
+from addressed_dynamics.reporting.common.document import Account, specialisation_blocks
+from addressed_dynamics.reporting.common.figures.specialisation import Words
+from addressed_dynamics.reporting.common.origin import Origin
+from addressed_dynamics.reporting.common.targets import reached
 from addressed_dynamics.reporting.motion import loop_tables, tables
 from addressed_dynamics.reporting.motion.figures import addressing, closed_loop, films, one_step
 from addressed_dynamics.reporting.motion.paper import SOURCES
@@ -22,12 +21,12 @@ from addressed_dynamics.reporting.motion.targets import judge_targets, targets_c
 from addressed_dynamics.reporting.motion.verdict import findings, verdict
 from addressed_dynamics.sources.motion.params import MotionFeatureParams
 
-WORDS = specialisation.Words(held_out="held-out clips", scaled="normalised outputs")
+WORDS = Words(held_out="held-out clips", scaled="normalised outputs", validation="validation clips")
 """What samples and losses of motion are called."""
 
 
-def build_motion_report(results: MotionResults, origin: Origin[MotionFeatureParams], *, paper: bool) -> Report:
-    """Put the report together.
+def motion_account(results: MotionResults, origin: Origin[MotionFeatureParams], *, paper: bool) -> Account:
+    """Return all that there is to tell of motion.
 
     Args:
         results: what was measured.
@@ -37,25 +36,25 @@ def build_motion_report(results: MotionResults, origin: Origin[MotionFeaturePara
     evaluation, made_up = results.evaluation, results.data.made_up
     delivered = evaluation.delivered
     targets = judge_targets(evaluation)
-    sections = (
-        Section("In motion", (films.films(evaluation, results.arrays),)),
-        Section("What was run", (run_facts(origin, model_words(origin.features, delivered.mode), delivered.seed),)),
-        Section("The data", data_blocks(results.data)),
+    found = (
         Section("One step ahead", _one_step_blocks(results, origin, paper=paper)),
         Section("Addressing", addressing_blocks(evaluation)),
         Section("Closed loop", _loop_blocks(results)),
-        Section("Seeds", (tables.seed_table(evaluation),)),
-        Section("Training", _training_blocks(results)),
-        Section("Runs", run_blocks(origin.experiment, origin.runs)),
-        Section("Source", (Text(SOURCES),)),
     )
-    return Report(
-        title=origin.title,
+    return Account(
         subtitle=subtitle(made_up=made_up),
         verdict=verdict(evaluation, targets, made_up=made_up),
         findings=findings(evaluation, made_up=made_up, target=origin.features.target, paper=paper),
-        targets=target_table(targets, targets_caption(len(evaluation.models[evaluation.own_group]), paper=paper)),
-        sections=tuple(section for section in sections if section.blocks),
+        targets=targets,
+        targets_caption=targets_caption(len(evaluation.models[evaluation.own_group]), paper=paper),
+        opening=(Section("In motion", (films.films(evaluation, results.arrays),)),),
+        model=model_words(origin.features, delivered.mode),
+        seed=delivered.seed,
+        data=data_blocks(results.data),
+        found=found,
+        seeds=(tables.seed_table(evaluation),),
+        words=WORDS,
+        sources=SOURCES,
     )
 
 
@@ -90,14 +89,10 @@ def addressing_blocks(evaluation: MotionEvaluation) -> tuple[Block, ...]:
     found = evaluation.addressing
     if found.members < 2:
         return ()
-    both = found.specialisations
     return (
         addressing.phase_shares(found),
         tables.phase_table(evaluation),
-        specialisation.samples_by_member(both, None, WORDS),
-        specialisation.mean_losses(both, BaselineLosses(train={}, test={}), WORDS),
-        histograms.loss_histograms(both, WORDS),
-        histograms.output_histograms(both, WORDS),
+        *specialisation_blocks(found.specialisations, WORDS),
     )
 
 
@@ -123,9 +118,3 @@ def _one_step_blocks(results: MotionResults, origin: Origin[MotionFeatureParams]
         one_step.joint_errors(evaluation),
         one_step.frames_over_time(evaluation, results.arrays),
     )
-
-
-def _training_blocks(results: MotionResults) -> tuple[Block, ...]:
-    seed = str(results.evaluation.delivered.seed)
-    figure = curves.addressing_training(results.addressing_curves, seed, "validation clips")
-    return (curves.ensemble_training(results.ensemble_curves, WORDS), *([figure] if figure else []))

@@ -3,11 +3,11 @@
 from pathlib import Path
 
 from addressed_dynamics.features.motion.features import MotionFeatures
-from addressed_dynamics.reporting.common.further import with_further_measures
+from addressed_dynamics.reporting.common.document import write_account
 from addressed_dynamics.reporting.common.origin import load_trained, origin_of
-from addressed_dynamics.reporting.common.render import FIGURES, write_report
+from addressed_dynamics.reporting.common.render import FIGURES
 from addressed_dynamics.reporting.common.written import Subject, Written
-from addressed_dynamics.reporting.motion.document import build_motion_report, motion_headline
+from addressed_dynamics.reporting.motion.document import motion_account, motion_headline
 from addressed_dynamics.reporting.motion.figures.films import write_motion_scene
 from addressed_dynamics.reporting.motion.results import load_motion_results
 from addressed_dynamics.sources.motion.params import MotionFeatureParams
@@ -22,7 +22,6 @@ def write(subject: Subject, target: Path) -> Written:
     features = MotionFeatureParams.model_validate(trained.ensemble.notes["params"]["features"], strict=False)
     origin = origin_of(subject, trained, features)
     paper = subject.params.paper is not None
-    report = with_further_measures(build_motion_report(results, origin, paper=paper), subject.evaluation)
-    write_report(report, target)
+    report = write_account(motion_account(results, origin, paper=paper), results, origin, subject, target)
     write_motion_scene(target / FIGURES / SCENE, results.evaluation, results.arrays)
     return Written(motion_headline(results), report.verdict)

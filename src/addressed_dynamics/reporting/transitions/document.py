@@ -1,17 +1,17 @@
-"""The report as a whole: which sections, tables and figures, in which order."""
+"""The report on an environment or a robot: which sections, tables and figures, in which order."""
 
 from __future__ import annotations
 
 from addressed_dynamics.evaluation.transitions.records import Recipe
 from addressed_dynamics.features.transitions.spec import FeatureSpec
-from addressed_dynamics.reporting.common.blocks import Block, Report, Section, Text
+from addressed_dynamics.reporting.common.blocks import Block, Section, Text
 from addressed_dynamics.reporting.common.comparison import Effort, baseline_efforts, ensemble_effort
-from addressed_dynamics.reporting.common.figures import curves, histograms, specialisation
+from addressed_dynamics.reporting.common.document import Account, specialisation_blocks
+from addressed_dynamics.reporting.common.figures import curves
+from addressed_dynamics.reporting.common.figures.specialisation import OF_STATES
 from addressed_dynamics.reporting.common.numbers import listed, percent, scientific
-from addressed_dynamics.reporting.common.origin import Origin, run_facts
-from addressed_dynamics.reporting.common.paper import CITATION
-from addressed_dynamics.reporting.common.runs import run_blocks
-from addressed_dynamics.reporting.common.targets import reached, target_table
+from addressed_dynamics.reporting.common.origin import Origin
+from addressed_dynamics.reporting.common.targets import reached
 from addressed_dynamics.reporting.transitions import rollout_tables, tables
 from addressed_dynamics.reporting.transitions.animation.rollouts import animations
 from addressed_dynamics.reporting.transitions.claims import claims_table, specialists_table
@@ -27,8 +27,8 @@ from addressed_dynamics.reporting.transitions.targets import judge_targets, targ
 from addressed_dynamics.reporting.transitions.verdict import findings, verdict
 
 
-def build_report(results: TransitionResults, origin: Origin[FeatureSpec], paper: PaperFigures | None) -> Report:
-    """Put the report together.
+def account(results: TransitionResults, origin: Origin[FeatureSpec], paper: PaperFigures | None) -> Account:
+    """Return all that there is to tell of transitions.
 
     Args:
         results: what was measured.
@@ -38,9 +38,7 @@ def build_report(results: TransitionResults, origin: Origin[FeatureSpec], paper:
     evaluation = results.evaluation
     targets = judge_targets(evaluation, paper, transitions=results.data.transitions) if paper else ()
     held_against = " and held against the paper" if paper else ""
-    sections = (
-        Section("What was run", (run_facts(origin, model_words(origin.features), evaluation.delivered.seed),)),
-        Section("The data", _data_blocks(results)),
+    found = (
         Section("Data quality", quality_blocks(results.data)),
         Section("Table 1" if paper and paper.networks else "Subnetworks", _table_blocks(results, paper)),
         Section("Addressing", _addressing_blocks(results, origin)),
@@ -48,18 +46,19 @@ def build_report(results: TransitionResults, origin: Origin[FeatureSpec], paper:
         Section("One step ahead", _one_step_blocks(results, origin, paper)),
         Section("Rollouts", _rollout_blocks(results, origin, paper)),
         Section("The two recipes", (both,) if (both := recipes_table(evaluation, _recipe(origin))) else ()),
-        Section("Seeds", _seed_blocks(results, origin)),
-        Section("Training", _training_blocks(results)),
-        Section("Runs", run_blocks(origin.experiment, origin.runs)),
-        Section("Source", (Text((CITATION,)),)),
     )
-    return Report(
-        title=origin.title,
+    return Account(
         subtitle=f"An error-based addressing architecture, learned from logs{held_against}",
         verdict=verdict(evaluation, targets, paper),
         findings=findings(evaluation, paper),
-        targets=target_table(targets, targets_caption(paper, results.data.transitions)),
-        sections=tuple(section for section in sections if section.blocks),
+        targets=targets,
+        targets_caption=targets_caption(paper, results.data.transitions),
+        model=model_words(origin.features),
+        seed=evaluation.delivered.seed,
+        data=_data_blocks(results),
+        found=found,
+        seeds=_seed_blocks(results, origin),
+        words=OF_STATES,
     )
 
 
@@ -170,14 +169,11 @@ def _why_delivered(results: TransitionResults, deliver: str) -> str:
 
 def _specialisation_blocks(results: TransitionResults, paper: PaperFigures | None) -> tuple[Block, ...]:
     evaluation = results.evaluation
-    found = evaluation.specialisation
     if len(evaluation.table.members) < 2:
         return ()
-    return (
-        specialisation.samples_by_member(found, paper.agreement if paper else None),
-        specialisation.mean_losses(found, evaluation.baseline_losses),
-        histograms.loss_histograms(found),
-        histograms.output_histograms(found),
+    agreement = paper.agreement if paper else None
+    return specialisation_blocks(
+        evaluation.specialisation, OF_STATES, single=evaluation.baseline_losses, agreement=agreement
     )
 
 
@@ -226,8 +222,3 @@ def _seed_blocks(results: TransitionResults, origin: Origin[FeatureSpec]) -> tup
     beside_one = specialists_table(results.evaluation, _efforts(results, origin))
     seeds = tables.seed_table(results.evaluation, results.addressing.delivered)
     return (seeds, *([beside_one] if beside_one else []))
-
-
-def _training_blocks(results: TransitionResults) -> tuple[Block, ...]:
-    figure = curves.addressing_training(results.addressing_curves, str(results.evaluation.delivered.seed))
-    return (curves.ensemble_training(results.ensemble_curves), *([figure] if figure else []))

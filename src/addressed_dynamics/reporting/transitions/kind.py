@@ -6,11 +6,10 @@ import numpy as np
 from jaxtyping import Float32
 
 from addressed_dynamics.features.transitions.spec import FeatureSpec
-from addressed_dynamics.reporting.common.further import with_further_measures
+from addressed_dynamics.reporting.common.document import write_account
 from addressed_dynamics.reporting.common.origin import load_trained, origin_of
-from addressed_dynamics.reporting.common.render import write_report
 from addressed_dynamics.reporting.common.written import Subject, Written
-from addressed_dynamics.reporting.transitions.document import build_report, headline
+from addressed_dynamics.reporting.transitions.document import account, headline
 from addressed_dynamics.reporting.transitions.paper import PAPER
 from addressed_dynamics.reporting.transitions.results import Arrays, load_results
 from addressed_dynamics.simulators.addressed import AddressedDynamics
@@ -27,8 +26,7 @@ def write(subject: Subject, target: Path) -> Written:
     features = trained.ensemble.features
     origin = origin_of(subject, trained, features, LIBRARIES)
     paper = PAPER[subject.params.paper] if subject.params.paper else None
-    report = with_further_measures(build_report(results, origin, paper), subject.evaluation)
-    write_report(report, target)
+    report = write_account(account(results, origin, paper), results, origin, subject, target)
     model = PortableDynamics(AddressedDynamics(features, trained.ensemble.stack, trained.addressing.stack))
     example = _input_example(results.arrays, features.history)
     return Written(headline(results, paper), report.verdict, (model, example))

@@ -120,9 +120,7 @@ def ensemble_training(curves: Mapping[str, Columns], words: Words = OF_STATES) -
     return Figure(caption, panels)
 
 
-def addressing_training(
-    curves: Mapping[str, Columns], seed: str, validation: str = "validation episodes"
-) -> Figure | None:
+def addressing_training(curves: Mapping[str, Columns], seed: str, validation: str) -> Figure | None:
     """Draw agreement and regret of one seed's addressing networks over the epochs of phase 2; None without any."""
     shown = {name.partition("/")[2]: columns for name, columns in curves.items() if name.startswith(f"seed-{seed}/")}
     if not shown:

@@ -38,6 +38,8 @@ class Words:
     """What the held-out samples come from."""
     scaled: str = "states scaled to [0, 1]"
     """What losses are of."""
+    validation: str = "validation episodes"
+    """What the samples come from by which models are chosen."""
 
     def title(self, split: str) -> str:
         """Return the title of a split."""
@@ -46,6 +48,8 @@ class Words:
 
 OF_STATES = Words()
 """Words for the states of environments."""
+OF_ANY = Words("held-out data", "what the networks predict, as it is given to them", "validation data")
+"""Words for any kind of data."""
 
 
 def samples_by_member(found: Specialisations, agreement: float | None, words: Words = OF_STATES) -> Figure:

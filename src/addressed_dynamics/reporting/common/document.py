@@ -1,0 +1,128 @@
+"""The report as a whole: which sections stand in which order, whatever the kind of data.
+
+A kind supplies an `Account`: its verdict, and as much else as it has to say. What it leaves out, or leaves empty, is
+left out of the report.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from addressed_dynamics.evaluation.common.records import BaselineLosses, Specialisations
+from addressed_dynamics.reporting.common.blocks import Block, Report, Section, Text
+from addressed_dynamics.reporting.common.figures import curves, histograms, specialisation
+from addressed_dynamics.reporting.common.figures.specialisation import OF_ANY, Words
+from addressed_dynamics.reporting.common.further import further_measures
+from addressed_dynamics.reporting.common.origin import ModelWords, Origin, run_facts
+from addressed_dynamics.reporting.common.paper import CITATION
+from addressed_dynamics.reporting.common.render import write_report
+from addressed_dynamics.reporting.common.results import Trainings
+from addressed_dynamics.reporting.common.runs import run_blocks
+from addressed_dynamics.reporting.common.targets import Target, target_table
+from addressed_dynamics.reporting.common.written import Subject
+
+NO_LOSSES = BaselineLosses(train={}, test={})
+"""Of no single network."""
+
+
+@dataclass(frozen=True)
+class Account:
+    """What a kind of data tells of an experiment."""
+
+    verdict: str
+    """The result in one or two sentences."""
+    subtitle: str = "An error-based addressing architecture"
+    """One line below the title."""
+    findings: tuple[str, ...] = ()
+    """The sentences that the verdict rests on."""
+    targets: tuple[Target, ...] = ()
+    """What was to be reached, and what was."""
+    targets_caption: str = ""
+    """What the table of targets shows."""
+    opening: tuple[Section, ...] = ()
+    """What stands first of all."""
+    model: ModelWords = field(default_factory=ModelWords)
+    """What there is to say of the networks, among all that was run."""
+    seed: int | None = None
+    """The one that is delivered; None for the first."""
+    data: tuple[Block, ...] = ()
+    """The section on the data."""
+    found: tuple[Section, ...] = ()
+    """What was found of the data and of the models, in the kind's own order."""
+    seeds: tuple[Block, ...] = ()
+    """The section on the spread over seeds."""
+    words: Words = OF_ANY
+    """What samples and losses are called."""
+    sources: tuple[str, ...] = (CITATION,)
+    """What the experiment rests on."""
+
+
+def write_account(
+    account: Account, trainings: Trainings, origin: Origin[Any], subject: Subject, target: Path
+) -> Report:
+    """Write the report that `build_report` makes of an account, with further measures of `subject`, into `target`.
+
+    Raises:
+        EvaluationError: the table of measures is missing or damaged.
+    """
+    report = build_report(account, trainings, origin, further_measures(subject.evaluation))
+    write_report(report, target)
+    return report
+
+
+def build_report(account: Account, trainings: Trainings, origin: Origin[Any], further: Sequence[Block] = ()) -> Report:
+    """Put a report together; sections without content are left out.
+
+    Args:
+        account: what the kind tells.
+        trainings: what the trainings found.
+        origin: where the results come from.
+        further: what was measured and has no section of its own.
+    """
+    seed = origin.ensemble.seeds[0] if account.seed is None else account.seed
+    sections = (
+        *account.opening,
+        Section("What was run", (run_facts(origin, account.model, seed),)),
+        Section("The data", account.data),
+        *account.found,
+        Section("Seeds", account.seeds),
+        Section("Further measures", tuple(further)),
+        Section("Training", _training_blocks(trainings, seed, account.words)),
+        Section("Runs", run_blocks(origin.experiment, origin.runs)),
+        Section("Source", (Text(account.sources),)),
+    )
+    return Report(
+        title=origin.title,
+        subtitle=account.subtitle,
+        verdict=account.verdict,
+        findings=account.findings,
+        targets=target_table(account.targets, account.targets_caption),
+        sections=tuple(section for section in sections if section.blocks),
+    )
+
+
+def specialisation_blocks(
+    found: Specialisations, words: Words, *, single: BaselineLosses = NO_LOSSES, agreement: float | None = None
+) -> tuple[Block, ...]:
+    """Return how the members share the samples (Figs. 8 to 11 of the paper).
+
+    Args:
+        found: the shares of the members.
+        words: what samples and losses are called.
+        single: losses of single networks, to stand beside those of the members.
+        agreement: what the paper reports of it on its training points; None if nothing.
+    """
+    return (
+        specialisation.samples_by_member(found, agreement, words),
+        specialisation.mean_losses(found, single, words),
+        histograms.loss_histograms(found, words),
+        histograms.output_histograms(found, words),
+    )
+
+
+def _training_blocks(trainings: Trainings, seed: int, words: Words) -> tuple[Block, ...]:
+    figure = curves.addressing_training(trainings.addressing_curves, str(seed), words.validation)
+    return (curves.ensemble_training(trainings.ensemble_curves, words), *([figure] if figure else []))

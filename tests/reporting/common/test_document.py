@@ -1,0 +1,103 @@
+"""The order of a report's sections is the same for every kind of data, and what a kind leaves out is left out."""
+
+from typing import Any
+
+import numpy as np
+from example_params import EXAMPLE
+
+from addressed_dynamics.base.params.training import AddressingParams, EnsembleParams
+from addressed_dynamics.reporting.common.blocks import Facts, Figure, Report, Section, Text
+from addressed_dynamics.reporting.common.document import Account, build_report
+from addressed_dynamics.reporting.common.figures.specialisation import Words
+from addressed_dynamics.reporting.common.origin import ModelWords, Origin
+from addressed_dynamics.reporting.common.paper import CITATION
+from addressed_dynamics.reporting.common.render import render_html, render_markdown
+from addressed_dynamics.reporting.common.results import AddressingTrainings, Trainings
+from addressed_dynamics.reporting.common.targets import Target
+
+EPOCHS = np.arange(1.0, 4.0)
+CURVES = dict.fromkeys(("epoch", "loss/train", "loss/validation", "bins/changed", "loss_member/0"), EPOCHS)
+TRAININGS = Trainings(
+    addressing=AddressingTrainings(delivered={"1": "plain"}, validation={}),
+    baselines={},
+    ensemble_curves={"seed-1": CURVES},
+    addressing_curves={"seed-1/plain": dict.fromkeys(("epoch", "agreement", "regret/mean", "regret/max"), EPOCHS)},
+)
+TEXT = (Text(("Something.",)),)
+FULL: dict[str, Any] = {
+    "opening": (Section("Seen at once", TEXT),),
+    "data": TEXT,
+    "found": (Section("First", TEXT), Section("Nothing found", ()), Section("Second", TEXT)),
+    "seeds": TEXT,
+}
+
+
+def report(*, further: bool = False, **parts: Any) -> Report:
+    origin = Origin(
+        title="A room",
+        params_file="params.yaml",
+        recipe="default",
+        commit="",
+        versions={},
+        features=None,
+        ensemble=EnsembleParams.model_validate(EXAMPLE["ensemble"] | {"seeds": [1, 2]}, strict=False),
+        addressing=AddressingParams.model_validate(EXAMPLE["addressing"], strict=False),
+        runs={},
+    )
+    return build_report(Account("It is warm.", **parts), TRAININGS, origin, TEXT if further else ())
+
+
+def titles(found: Report) -> list[str]:
+    return [section.title for section in found.sections]
+
+
+def facts(found: Report) -> dict[str, str]:
+    (block,) = (block for section in found.sections for block in section.blocks if isinstance(block, Facts))
+    return dict(block.items)
+
+
+def test_a_verdict_alone_makes_a_report_of_what_was_run_and_of_the_trainings() -> None:
+    found = report()
+    assert titles(found) == ["What was run", "Training", "Source"]
+    assert (found.title, found.verdict, found.sections[-1].blocks) == ("A room", "It is warm.", (Text((CITATION,)),))
+    assert list(facts(found)) == ["Params", "Recipe", "Subnetworks", "Phase 1", "Addressing", "Phase 2", "Seeds"]
+    assert facts(found)["Seeds"] == "1 and 2; delivered is seed 1"
+    assert "predict" not in facts(found)["Subnetworks"]
+    assert "Figure | Target" not in render_markdown(found)
+    assert "It is warm." in render_html(found)
+
+
+def test_the_sections_of_a_kind_stand_between_those_of_every_report_and_empty_ones_are_left_out() -> None:
+    assert titles(report(**FULL, further=True)) == [
+        "Seen at once", "What was run", "The data", "First", "Second", "Seeds", "Further measures",
+        "Training", "Source",
+    ]  # fmt: skip
+
+
+def test_what_a_kind_says_of_its_networks_stands_among_the_facts() -> None:
+    words = ModelWords({"Inputs": "one"}, "the next", {"Angles": "two", "Others": ""}, "argmax", {"Scale": "three"})
+    said = facts(report(model=words, seed=2))
+    assert list(said) == [
+        "Params", "Recipe", "Inputs", "Subnetworks", "Angles", "Phase 1", "Addressing", "Phase 2", "Seeds", "Scale",
+    ]  # fmt: skip
+    assert said["Subnetworks"].endswith("; they predict the next")
+    assert said["Seeds"] == "1 and 2; delivered is seed 2 with argmax addressing"
+
+
+def test_targets_stand_below_the_verdict() -> None:
+    found = report(targets=(Target("Warmth", "at least 20", "21", met=True),), targets_caption="In degrees.")
+    assert found.targets.caption == "In degrees."
+    assert "| Warmth | at least 20 | 21 | reached |" in render_markdown(found)
+
+
+def test_the_captions_of_the_trainings_use_the_words_of_the_kind() -> None:
+    (training,) = (section for section in report(words=Words("x", "degrees", "cold days")).sections[1:2])
+    captions = [block.caption for block in training.blocks if isinstance(block, Figure)]
+    assert len(captions) == 2
+    assert "All losses are of degrees." in captions[0]
+    assert "on cold days:" in captions[1]
+
+
+def test_of_a_seed_without_curves_of_its_addressing_those_of_the_ensemble_are_shown() -> None:
+    (training,) = (section for section in report(seed=2).sections if section.title == "Training")
+    assert [isinstance(block, Figure) for block in training.blocks] == [True]
