@@ -22,7 +22,7 @@ from motion_report_examples import (
 
 from addressed_dynamics.evaluation.motion.records import MotionEvaluation
 from addressed_dynamics.reporting.common.blocks import Report, Table, Text
-from addressed_dynamics.reporting.common.comparison import Effort
+from addressed_dynamics.reporting.common.candidates import Effort
 from addressed_dynamics.reporting.common.document import build_report
 from addressed_dynamics.reporting.common.render import render_html, render_markdown
 from addressed_dynamics.reporting.common.runs import run_blocks

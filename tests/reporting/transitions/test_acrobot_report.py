@@ -27,7 +27,7 @@ from addressed_dynamics.evaluation.common.records import BaselineLosses, Special
 from addressed_dynamics.evaluation.transitions.records import Evaluation
 from addressed_dynamics.features.transitions.spec import Angle
 from addressed_dynamics.reporting.common.blocks import Figure, Table
-from addressed_dynamics.reporting.common.comparison import Effort
+from addressed_dynamics.reporting.common.candidates import Effort
 from addressed_dynamics.reporting.common.figures.histograms import loss_histograms, output_histograms
 from addressed_dynamics.reporting.common.figures.specialisation import mean_losses, samples_by_member
 from addressed_dynamics.reporting.common.render import render_markdown

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from statistics import median
 
-from addressed_dynamics.evaluation.motion.records import ENSEMBLE, MotionEvaluation
+from addressed_dynamics.evaluation.motion.records import MotionEvaluation
 from addressed_dynamics.reporting.common.blocks import Block, Section
-from addressed_dynamics.reporting.common.comparison import baseline_efforts, ensemble_effort
+from addressed_dynamics.reporting.common.candidates import efforts_of
 from addressed_dynamics.reporting.common.document import Account, specialisation_blocks
 from addressed_dynamics.reporting.common.figures.specialisation import Words
 from addressed_dynamics.reporting.common.origin import Origin
@@ -109,9 +109,8 @@ def _loop_blocks(results: MotionResults) -> tuple[Block, ...]:
 
 def _one_step_blocks(results: MotionResults, origin: Origin[MotionFeatureParams], *, paper: bool) -> tuple[Block, ...]:
     evaluation = results.evaluation
-    efforts = {name.partition("/seed-")[0]: each for name, each in baseline_efforts(results.baselines).items()}
-    if "train" in evaluation.splits:
-        efforts[ENSEMBLE] = ensemble_effort(origin.ensemble, evaluation.splits["train"])
+    by_seed = efforts_of(results.baselines, origin.ensemble, evaluation.splits.get("train"))
+    efforts = {name.partition("/seed-")[0]: each for name, each in by_seed.items()}
     return (
         tables.one_step_table(evaluation, efforts, paper=paper),
         tables.block_table(evaluation),

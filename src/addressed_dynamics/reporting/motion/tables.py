@@ -6,9 +6,16 @@ from collections.abc import Mapping, Sequence
 from statistics import median
 
 from addressed_dynamics.episodes.layout import FRAME_RATE
-from addressed_dynamics.evaluation.motion.records import ENSEMBLE, Candidate, MotionEvaluation, PhaseUse
+from addressed_dynamics.evaluation.motion.records import Candidate, MotionEvaluation, PhaseUse
 from addressed_dynamics.reporting.common.blocks import Column, Row, Table
-from addressed_dynamics.reporting.common.comparison import COST_COLUMNS, COSTS, Effort, cost_cells
+from addressed_dynamics.reporting.common.candidates import (
+    COSTS,
+    Effort,
+    candidate_columns,
+    candidate_row,
+    costless_row,
+    effort_of,
+)
 from addressed_dynamics.reporting.common.numbers import MISSING, count, percent, significant
 from addressed_dynamics.reporting.motion.models import OWN, UNTRAINED, main_models, model_style
 from addressed_dynamics.reporting.motion.paper import PAPER_OWN, PAPER_PFNN, PAPER_ROWS
@@ -33,21 +40,15 @@ def one_step_table(evaluation: MotionEvaluation, efforts: Mapping[str, Effort], 
     """
     splits = evaluation.held_out
     titles = [f"{SPLITS.get(split, split)}{' (near copies)' * (split == LEAKY)}" for split in splits]
-    columns = (
-        Column("Model", numeric=False),
-        *COST_COLUMNS,
-        *(Column(name, f"MAE, {title}") for title in titles for name in ("raw", "normalised")),
-    )
+    columns = candidate_columns(*(Column(name, f"MAE, {title}") for title in titles for name in ("raw", "normalised")))
     rows = []
     for name, group in evaluation.groups.items():
-        own = name.startswith(f"{ENSEMBLE}/")
-        effort = efforts.get(ENSEMBLE if own else name)
-        cells = [group[0].label, *cost_cells(group[0].parameters, effort, group[0].multiply_adds)]
-        for split in splits:
-            cells += [
-                _spread([getattr(each.one_step[split], unit) for each in group]) for unit in ("raw", "normalised")
-            ]
-        rows.append(Row(tuple(cells), row_kind(evaluation, name)))
+        cells = [
+            _spread([getattr(each.one_step[split], unit) for each in group])
+            for split in splits
+            for unit in ("raw", "normalised")
+        ]
+        rows.append(candidate_row(group[0], effort_of(efforts, name), cells, row_kind(evaluation, name)))
     paper = paper and LEAKY in splits
     if paper:
         rows += [
@@ -179,7 +180,7 @@ def _spread(values: Sequence[float]) -> str:
 
 def _paper_row(title: str, error: float, splits: Sequence[str]) -> Row:
     cells = [cell for split in splits for cell in ((f"{error:g}" if split == LEAKY else MISSING), MISSING)]
-    return Row((title, *[MISSING] * len(COST_COLUMNS), *cells), "reference")
+    return costless_row(title, cells, "reference", MISSING)
 
 
 def _short(group: str) -> str:

@@ -7,7 +7,14 @@ from statistics import mean
 
 from addressed_dynamics.evaluation.transitions.records import CandidateResult, DimensionResult, Evaluation
 from addressed_dynamics.reporting.common.blocks import Column, Row, Table
-from addressed_dynamics.reporting.common.comparison import COST_COLUMNS, COSTS, Effort, cost_cells
+from addressed_dynamics.reporting.common.candidates import (
+    COSTS,
+    Effort,
+    candidate_columns,
+    candidate_row,
+    costless_row,
+    effort_of,
+)
 from addressed_dynamics.reporting.common.numbers import MISSING, power_of_ten, scientific
 from addressed_dynamics.reporting.transitions.paper import AngleFigures
 
@@ -62,26 +69,23 @@ def specialists_table(evaluation: Evaluation, efforts: Mapping[str, Effort]) -> 
     if not single or len(evaluation.table.members) < 2:
         return None
     names = list(evaluation.own.rollouts.all.mse) if evaluation.own.rollouts else []
-    columns = (
-        Column("Model", numeric=False),
-        *COST_COLUMNS,
+    columns = candidate_columns(
         Column("mean", f"one step, {evaluation.loss.upper()} of scaled states"),
         Column("median", f"one step, {evaluation.loss.upper()} of scaled states"),
         *(Column(name, "rollouts, median MSE") for name in names),
     )
     specialists = f"{len(evaluation.table.members)} specialists"
     rows = []
-    for title, group, seeds, kind in (
-        (specialists, evaluation.own_seeds, list(evaluation.seeds), "own"),
-        ("one network", single, evaluation.seeds_of("total_parameters"), "reference"),
+    for title, name, group, seeds, kind in (
+        (specialists, "ensemble", evaluation.own_seeds, list(evaluation.seeds), "own"),
+        ("one network", "total_parameters", single, evaluation.seeds_of("total_parameters"), "reference"),
     ):
         errors = [_errors(each, names) for each in group]
         for seed, candidate, row in zip(seeds, group, errors, strict=True):
-            effort = efforts.get("ensemble" if kind == "own" else f"total_parameters/seed-{seed}")
-            costs = cost_cells(candidate.parameters, effort, candidate.multiply_adds)
-            rows.append(Row((f"{title}, seed {seed}", *costs, *map(scientific, row)), ""))
+            effort = effort_of(efforts, f"{name}/seed-{seed}")
+            rows.append(candidate_row(candidate, effort, map(scientific, row), "", title=f"{title}, seed {seed}"))
         spreads = [_spread([row[place] for row in errors]) for place in range(len(errors[0]))]
-        rows.append(Row((f"{title}, lowest to highest", *[""] * len(COST_COLUMNS), *spreads), kind))
+        rows.append(costless_row(f"{title}, lowest to highest", spreads, kind))
     caption = (
         f"Hard addressing of {specialists} beside one network of as many parameters as these have together, that was "
         f"trained for as many updates: every seed of both ({len(evaluation.own_seeds)} and {len(single)}), on the same "

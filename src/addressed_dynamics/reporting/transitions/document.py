@@ -5,7 +5,7 @@ from __future__ import annotations
 from addressed_dynamics.evaluation.transitions.records import Recipe
 from addressed_dynamics.features.transitions.spec import FeatureSpec
 from addressed_dynamics.reporting.common.blocks import Block, Section, Text
-from addressed_dynamics.reporting.common.comparison import Effort, baseline_efforts, ensemble_effort
+from addressed_dynamics.reporting.common.candidates import Effort, efforts_of
 from addressed_dynamics.reporting.common.document import Account, specialisation_blocks
 from addressed_dynamics.reporting.common.figures import curves
 from addressed_dynamics.reporting.common.figures.specialisation import OF_STATES
@@ -192,10 +192,8 @@ def _one_step_blocks(
 
 
 def _efforts(results: TransitionResults, origin: Origin[FeatureSpec]) -> dict[str, Effort]:
-    """Return how long each baseline was trained, and the ensemble as `ensemble`."""
     train = results.data.splits.get("train")
-    own = {"ensemble": ensemble_effort(origin.ensemble, train.transitions)} if train else {}
-    return baseline_efforts(results.baselines) | own
+    return efforts_of(results.baselines, origin.ensemble, train.transitions if train else None)
 
 
 def _rollout_blocks(

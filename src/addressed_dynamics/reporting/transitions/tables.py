@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from addressed_dynamics.evaluation.transitions.records import AddressingResult, Evaluation, MemberResult
 from addressed_dynamics.reporting.common.blocks import Column, Row, Table
-from addressed_dynamics.reporting.common.comparison import COST_COLUMNS, COSTS, Effort, cost_cells
+from addressed_dynamics.reporting.common.candidates import COSTS, Effort, candidate_columns, candidate_row, effort_of
 from addressed_dynamics.reporting.common.numbers import (
     MISSING,
     as_printed,
@@ -155,9 +155,7 @@ def one_step_table(evaluation: Evaluation, efforts: Mapping[str, Effort], paper:
         paper: what the paper reports of these data; None if nothing.
     """
     dimensions = evaluation.own.one_step.dimensions
-    columns = (
-        Column("Model", numeric=False),
-        *COST_COLUMNS,
+    columns = candidate_columns(
         *(Column(name, f"{evaluation.loss.upper()}, scaled states") for name in ("mean", "median", "p99", "max")),
         *(
             Column(f"{each.name}, {each.unit}" if each.unit else each.name, "mean absolute error")
@@ -167,11 +165,9 @@ def one_step_table(evaluation: Evaluation, efforts: Mapping[str, Effort], paper:
     rows = []
     for name, candidate in evaluation.candidates.items():
         scaled = candidate.one_step.scaled
-        effort = efforts.get("ensemble" if name.startswith("ensemble/") else name)
-        cells = [candidate.label, *cost_cells(candidate.parameters, effort, candidate.multiply_adds)]
-        cells += map(scientific, (scaled.mean, scaled.median, scaled.p99, scaled.max))
-        cells += [scientific(each.absolute.mean) for each in candidate.one_step.dimensions]
-        rows.append(Row(tuple(cells), row_kind(name)))
+        errors = [scaled.mean, scaled.median, scaled.p99, scaled.max]
+        errors += [each.absolute.mean for each in candidate.one_step.dimensions]
+        rows.append(candidate_row(candidate, effort_of(efforts, name), map(scientific, errors), row_kind(name)))
     caption = (
         f"One step ahead, all candidates on the same {evaluation.test.transitions:,} held-out transitions. The first "
         f"line picks the best network with knowledge of the truth, so it bounds what addressing can reach. {COSTS}."
