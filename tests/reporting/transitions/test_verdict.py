@@ -76,7 +76,7 @@ def test_the_first_sentence_says_which_model_to_use() -> None:
 
 @given(errors, errors)
 def test_a_relation_turned_round_is_its_opposite(own: list[float], other: list[float]) -> None:
-    opposite = {"lower": "higher", "higher": "lower", "unclear": "unclear"}
+    opposite = {"better": "worse", "worse": "better", "unclear": "unclear"}
     assert relate(other, own) == opposite[relate(own, other)]
     assert relate(own, own) == "unclear"
 

@@ -3,38 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from statistics import median
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Float64
 
 from addressed_dynamics.evaluation.motion.records import Candidate, MotionEvaluation
-from addressed_dynamics.reporting.common.comparison import relate
+from addressed_dynamics.reporting.common.comparison import Comparison, Relation, relate
 from addressed_dynamics.reporting.common.numbers import listed, significant
 
 SCORE_MARGIN = 0.02
 """A closed-loop score counts as higher than another if it is so by more than this, from every seed."""
-Relation = Literal["better", "worse", "unclear"]
 
 _WORDS = {"better": "better", "worse": "worse", "unclear": "no clear difference"}
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """One figure of our model beside that of another, each from some seeds."""
-
-    quantity: str
-    """What it is, as part of a sentence."""
-    own: tuple[float, ...]
-    other: tuple[float, ...]
-    relation: Relation
-    """Whether ours is better."""
-
-    def __str__(self) -> str:
-        own, other = (significant(median(values)) for values in (self.own, self.other))
-        return f"{self.quantity} {own} against {other} ({_WORDS[self.relation]})"
 
 
 def compare(own: Sequence[Candidate], other: Sequence[Candidate]) -> tuple[Comparison, ...]:
@@ -44,15 +25,20 @@ def compare(own: Sequence[Candidate], other: Sequence[Candidate]) -> tuple[Compa
     """
     found = []
     for quantity, of, judged in (
-        ("raw MAE", raw_error, _of_errors),
-        ("normalised MAE", normalised_error, _of_errors),
+        ("raw MAE", raw_error, relate),
+        ("normalised MAE", normalised_error, relate),
         ("closed-loop score", score_of, _of_scores),
-        ("foot skate", skate_of, _of_errors),
+        ("foot skate", skate_of, relate),
     ):
         ours, theirs = _known(own, of), _known(other, of)
         if ours and theirs:
             found.append(Comparison(quantity, ours, theirs, judged(ours, theirs)))
     return tuple(found)
+
+
+def details(comparisons: Sequence[Comparison]) -> str:
+    """Return all figures, each with what is better."""
+    return "; ".join(f"{each.medians(significant)} ({_WORDS[each.relation]})" for each in comparisons)
 
 
 def raw_error(candidate: Candidate) -> float:
@@ -133,11 +119,6 @@ def _ranks(values: Float64[np.ndarray, " value"]) -> Float64[np.ndarray, " value
     equal = (values[:, None] == values[None, :]).sum(axis=1)
     ranks: Float64[np.ndarray, " value"] = below + (equal - 1) / 2.0
     return ranks
-
-
-def _of_errors(own: Sequence[float], other: Sequence[float]) -> Relation:
-    relations: dict[str, Relation] = {"lower": "better", "higher": "worse", "unclear": "unclear"}
-    return relations[relate(own, other)]
 
 
 def _of_scores(own: Sequence[float], other: Sequence[float]) -> Relation:

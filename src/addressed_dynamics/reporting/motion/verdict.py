@@ -8,7 +8,7 @@ from addressed_dynamics.evaluation.motion.records import MotionEvaluation
 from addressed_dynamics.reporting.common.comparison import MARGIN
 from addressed_dynamics.reporting.common.numbers import percent, significant
 from addressed_dynamics.reporting.common.targets import Target, reached_words
-from addressed_dynamics.reporting.motion.comparison import SCORE_MARGIN, compare, outcome, raw_error, score_of
+from addressed_dynamics.reporting.motion.comparison import SCORE_MARGIN, compare, details, outcome, raw_error, score_of
 from addressed_dynamics.reporting.motion.findings import (
     addressing,
     closed_loop,
@@ -79,7 +79,7 @@ def findings(evaluation: MotionEvaluation, *, made_up: bool, target: str, paper:
 def _comparisons(evaluation: MotionEvaluation) -> list[str]:
     own = own_group(evaluation)
     return [
-        f"Beside {title}: {'; '.join(map(str, compare(own, evaluation.models[name])))}."
+        f"Beside {title}: {details(compare(own, evaluation.models[name]))}."
         for name, title in IN_SENTENCES.items()
         if name in evaluation.models
     ]

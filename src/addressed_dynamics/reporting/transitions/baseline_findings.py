@@ -6,9 +6,10 @@ from collections.abc import Mapping, Sequence
 from statistics import median
 
 from addressed_dynamics.evaluation.transitions.records import CandidateResult, Evaluation
+from addressed_dynamics.reporting.common.comparison import Comparison
 from addressed_dynamics.reporting.common.figures.style import model_style
 from addressed_dynamics.reporting.common.numbers import in_words, listed, scientific, times
-from addressed_dynamics.reporting.transitions.comparison import Comparison, beats, compare, details, spread_over_seeds
+from addressed_dynamics.reporting.transitions.comparison import beats, compare, details, spread_over_seeds
 from addressed_dynamics.reporting.transitions.paper import PaperFigures
 from addressed_dynamics.reporting.transitions.recipes import recipes_finding
 
@@ -68,7 +69,7 @@ def _one_step_against(own: Sequence[CandidateResult], others: Mapping[str, Seque
     first = {model_style(name)[0]: compare(own, group)[0] for name, group in others.items()}
     ours = median(next(iter(first.values())).own)
     errors = listed([f"{title} {scientific(median(each.other))}" for title, each in first.items()])
-    lower = [title for title, each in first.items() if each.relation == "lower"]
+    lower = [title for title, each in first.items() if each.relation == "better"]
     below = "all of them" if len(lower) == len(first) else listed(lower) if lower else "none of them"
     return (
         f"Of other single networks that were trained as long, the error one step ahead is: {errors}; the ensemble's, "

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from statistics import median
 
 from addressed_dynamics.evaluation.transitions.records import CandidateResult
-from addressed_dynamics.reporting.common.comparison import Relation, relate
+from addressed_dynamics.reporting.common.comparison import Comparison, Relation, relate
 from addressed_dynamics.reporting.common.numbers import listed, scientific
 
 MOST_NUMBERS = 3
@@ -17,27 +16,7 @@ MOST_NUMBERS = 3
 _IN_ROLLOUTS = " in rollouts"
 
 
-_WORDS = {"lower": "lower", "higher": "higher", "unclear": "no clear difference"}
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """One error of the delivered kind of model beside that of another."""
-
-    quantity: str
-    """Which error, as part of a sentence."""
-    own: tuple[float, ...]
-    """Ours, from each seed."""
-    other: tuple[float, ...]
-    """The other's, from each of its seeds."""
-
-    @property
-    def relation(self) -> Relation:
-        """Whether ours is lower."""
-        return relate(self.own, self.other)
-
-    def __str__(self) -> str:
-        return f"{self.quantity} {scientific(median(self.own))} against {scientific(median(self.other))}"
+_WORDS = {"better": "lower", "worse": "higher", "unclear": "no clear difference"}
 
 
 def compare(own: Sequence[CandidateResult], other: Sequence[CandidateResult]) -> tuple[Comparison, ...]:
@@ -47,7 +26,7 @@ def compare(own: Sequence[CandidateResult], other: Sequence[CandidateResult]) ->
     for name in first.all.mse if first else ():
         errors[name + _IN_ROLLOUTS] = [_rollout_medians(group, name) for group in (own, other)]
     return tuple(
-        Comparison(quantity, tuple(ours), tuple(theirs))
+        Comparison(quantity, tuple(ours), tuple(theirs), relate(ours, theirs))
         for quantity, (ours, theirs) in errors.items()
         if ours and theirs
     )
@@ -56,11 +35,11 @@ def compare(own: Sequence[CandidateResult], other: Sequence[CandidateResult]) ->
 def beats(comparisons: Sequence[Comparison]) -> str:
     """Return what the comparisons add up to: `beats`, `does not beat`, or what between them is true."""
     relations = {comparison.relation for comparison in comparisons}
-    if relations == {"lower"}:
+    if relations == {"better"}:
         return "beats"
-    if "lower" not in relations:
+    if "better" not in relations:
         return "does not beat"
-    lower = [comparison.quantity for comparison in comparisons if comparison.relation == "lower"]
+    lower = [comparison.quantity for comparison in comparisons if comparison.relation == "better"]
     which = listed(lower) if len(lower) <= MOST_NUMBERS else f"in {len(lower)} of {len(comparisons)} errors"
     return f"is only in part ({which}) better than"
 
@@ -71,11 +50,13 @@ def details(comparisons: Sequence[Comparison]) -> str:
         return _grouped(comparisons)
     relations = {comparison.relation for comparison in comparisons}
     if len(relations) > 1:
-        return "; ".join(f"{comparison} ({_WORDS[comparison.relation]})" for comparison in comparisons)
-    common = {"lower": "", "higher": ", each of them higher", "unclear": ", none of them a clear difference"}
+        return "; ".join(
+            f"{comparison.medians(scientific)} ({_WORDS[comparison.relation]})" for comparison in comparisons
+        )
+    common = {"better": "", "worse": ", each of them higher", "unclear": ", none of them a clear difference"}
     if len(comparisons) == 1:
-        common |= {"higher": ", which is higher", "unclear": ", no clear difference"}
-    return f"{'; '.join(map(str, comparisons))}{common[relations.pop()]}"
+        common |= {"worse": ", which is higher", "unclear": ", no clear difference"}
+    return f"{'; '.join(each.medians(scientific) for each in comparisons)}{common[relations.pop()]}"
 
 
 def spread_over_seeds(comparison: Comparison) -> str:
@@ -94,9 +75,11 @@ def _spread(errors: Sequence[float]) -> str:
 def _grouped(comparisons: Sequence[Comparison]) -> str:
     rollouts = [comparison for comparison in comparisons if comparison.quantity.endswith(_IN_ROLLOUTS)]
     parts = [
-        f"{comparison} ({_WORDS[comparison.relation]})" for comparison in comparisons if comparison not in rollouts
+        f"{comparison.medians(scientific)} ({_WORDS[comparison.relation]})"
+        for comparison in comparisons
+        if comparison not in rollouts
     ]
-    groups: dict[Relation, list[str]] = {"lower": [], "higher": [], "unclear": []}
+    groups: dict[Relation, list[str]] = {"better": [], "worse": [], "unclear": []}
     for comparison in rollouts:
         groups[comparison.relation].append(comparison.quantity.removesuffix(_IN_ROLLOUTS))
     outcomes = [
