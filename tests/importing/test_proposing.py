@@ -11,7 +11,7 @@ from foreign_logs import SECOND, json_log, protobuf_log, ros2_log, states_and_co
 from lerobot_data import frames, write_v3
 from rosbags.rosbag2 import StoragePlugin
 
-from addressed_dynamics.base.errors import LogError, ParamsError
+from addressed_dynamics.base.errors import LogError, ParamsError, TableError
 from addressed_dynamics.cli.new import source_params
 from addressed_dynamics.importing import import_logs
 from addressed_dynamics.importing.assessing import assess
@@ -207,6 +207,19 @@ def test_how_a_table_is_written_is_found_out(header: str, row: Any, expected: di
         assert proposal.unknown == ("rate",)
         proposal.source["rate_hz"] = 20.0
     assert assess(source_params(proposal.source)).transitions > 50
+
+
+@pytest.mark.parametrize("cell", ["1.5", ""])
+def test_where_no_state_moves_it_has_to_be_said(cell: str) -> None:
+    Path("a.csv").write_text("t,q,torque\n" + "".join(f"{i / 10},{cell},{i % 3}\n" for i in range(40)))
+    found = find_logs([Path("a.csv")])
+    assert propose(look_at(found), found.patterns, Wishes()).unknown == ("observation", "rate")
+
+
+def test_a_table_whose_names_are_in_another_encoding_is_refused() -> None:
+    Path("a.csv").write_bytes("t,q °,torque\n0,1,2\n1,2,3\n".encode("latin-1"))
+    with pytest.raises(TableError, match=r"the name 'q .' is not in UTF-8\); save it in UTF-8"):
+        look_at(find_logs([Path("a.csv")]))
 
 
 def test_units_in_the_names_of_columns_are_taken() -> None:

@@ -31,6 +31,9 @@ def open_csv(path: Path, source: CsvSource) -> Table:
     """
     frame = _read(path, source)
     names = [_bare(name) for name in frame.columns]
+    if broken := next((name for name in names if "\ufffd" in name), None):
+        message = f"{path}: the file cannot be read as csv (the name '{broken}' is not in UTF-8); save it in UTF-8"
+        raise TableError(message)
     for raw, name in zip(frame.columns, names, strict=True):
         original = raw.rpartition(_REPEATED)[0]
         if names.count(name) > 1 or (original and original in frame.columns):

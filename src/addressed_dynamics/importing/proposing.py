@@ -217,11 +217,12 @@ def _rate(chosen: Mapping[str, Mapping[str, Field]], wishes: Wishes, draft: _Dra
     if wishes.rate_hz is not None:
         return {"rate_hz": wishes.rate_hz}
     rates = [each.rate_hz for each in chosen["observation"].values() if each.rate_hz]
-    # A step is what follows a command, unless commands are rare.
-    rates += [each.rate_hz for each in chosen["action"].values() if each.rate_hz and each.rate_hz * RARE > max(rates)]
     if not rates:
         draft.unknown.append("rate")
         return {}
+    # A step is what follows a command, unless commands are rare.
+    fastest = max(rates)
+    rates += [each.rate_hz for each in chosen["action"].values() if each.rate_hz and each.rate_hz * RARE > fastest]
     # A rate a little off is the same rate, measured.
     slowest = min(rates)
     rate = (
