@@ -146,6 +146,8 @@ def new(
         raise ParamsError(message)
     for view in (proposal_view(trial.proposal), assessment_view(trial.assessment)):
         console.print(view, crop=False)
+    if trial.assessment.refusal is not None:
+        raise ParamsError(trial.assessment.refusal)
     if not trial.assessment.transitions:
         message = f"{', '.join(map(str, paths))}: no episode is worth training on; see the reasons above"
         raise ParamsError(message)

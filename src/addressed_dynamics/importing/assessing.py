@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from addressed_dynamics.base.errors import TableError
 from addressed_dynamics.base.params.source import SourceParams
 from addressed_dynamics.importing.importer import read_samples, wanted_signals
 from addressed_dynamics.importing.judging import (
@@ -18,6 +19,7 @@ from addressed_dynamics.importing.judging import (
     judge_episodes,
     stretches,
 )
+from addressed_dynamics.importing.precision import Precision
 from addressed_dynamics.importing.samples import find_episodes
 
 MOST_SAMPLES = 200_000
@@ -36,6 +38,8 @@ class Assessment:
     """What was read, dropped, filled or converted, over all recordings."""
     warnings: tuple[str, ...]
     """What looks wrong, in lines that begin with the file."""
+    refusal: str | None = None
+    """Why the import would be refused all the same; None if it would not."""
 
     @property
     def transitions(self) -> int:
@@ -58,6 +62,7 @@ def assess(source: SourceParams) -> Assessment:
     signals = wanted_signals(source)
     step_seconds = signals.spec.step_seconds
     episodes, kept, counts, warnings = list[EpisodeJudgement](), list[Stretch](), dict[str, int](), list[str]()
+    precision = Precision(signals)
     for origin, samples in read_samples(source, signals):
         found = find_episodes(samples.follows, source.min_length)
         episodes += judge_episodes(
@@ -65,8 +70,19 @@ def assess(source: SourceParams) -> Assessment:
         )
         if sum(len(each.states) for each in kept) < MOST_SAMPLES:
             kept += stretches(samples, found, signals)
-        for name, count in samples.counts.items():
+        lost = precision.look_at(samples, origin)
+        warnings += [f"{origin}: float32 swallows {count:,} steps of {name}" for name, count in lost.items()]
+        for name, count in (samples.counts | ({"swallowed": sum(lost.values())} if lost else {})).items():
             counts[name] = counts.get(name, 0) + count
         warnings += [f"{origin}: {warning}" for warning in samples.details.get("warnings", [])]
     excitations, delays, noises = judge_all(kept, signals) if kept else ([], [], [])
-    return Assessment(tuple(episodes), tuple(excitations), tuple(delays), tuple(noises), counts, tuple(warnings))
+    found_all = (tuple(episodes), tuple(excitations), tuple(delays), tuple(noises), counts, tuple(warnings))
+    return Assessment(*found_all, _refusal(precision))
+
+
+def _refusal(precision: Precision) -> str | None:
+    try:
+        precision.refuse_swallowed()
+    except TableError as error:
+        return str(error)
+    return None
