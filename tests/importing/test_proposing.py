@@ -261,3 +261,20 @@ def test_bags_are_found_by_their_metadata(storage: StoragePlugin, inside: str) -
     proposal = propose(look_at(found), found.patterns, Wishes())
     assert proposal.unknown == ()
     assert assess(source_params(proposal.source)).transitions > 90
+
+
+def test_all_names_that_several_programs_write_are_shown_and_fields_that_never_come_together_are_refused() -> None:
+    messages: list[Any] = []
+    for i in range(80):
+        own = "a" if i % 2 else "b"
+        messages.append(("/j", SECOND + i * SECOND // 40, {"name": [own], "position": [i % 7 + 10 * (i % 2)]}))
+        messages.append(("/cmd", SECOND + i * SECOND // 40, {"data": i % 3}))
+    look = looked(a=json_log(messages))
+    ranges = {each.field: each.range for each in look.fields}
+    assert ranges["/j.position[b]"] == (0.0, 6.0)
+    assert ranges["/j.position[a]"] == (10.0, 16.0)
+    proposal = proposed(look, observation=("/j.position",))
+    with pytest.raises(LogError, match="several programs seem to write to the topic: take the fields of one of them"):
+        assess(source_params(proposal.source))
+    alone = proposed(look, observation=("/j.position[a]",))
+    assert assess(source_params(alone.source)).transitions > 20

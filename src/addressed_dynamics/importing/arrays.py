@@ -50,6 +50,8 @@ class Arrays:
         self._forms = dict[Sequence[Step], Form]()
         self._named = set[Sequence[Step]]()
         self._message, self._last_reordered = "", ""
+        self.seen = dict[str, None]()
+        """Names that stood beside an array in a message, in the order in which they came."""
         self.reordered = 0
         """Messages whose names stood in another order than in the first one."""
 
@@ -67,7 +69,7 @@ class Arrays:
         """Return where in `array` the element is that `step` means; None if it has no value. As `look_up` asks for it.
 
         Raises:
-            MissingField: no element has the name.
+            MissingField: there is no such place, or a name is asked for where there are none.
             ValueError: the array is not as long as the first one, and there are no names.
         """
         if not len(array):
@@ -75,6 +77,8 @@ class Arrays:
         names = names_beside(containers, len(array))
         form = self._forms.get(steps) or self._new_form(steps, len(array), names)
         if names is not None:
+            if steps not in self._named:
+                self.seen |= dict.fromkeys(names)
             self._named.add(steps)
             if form.names is None:
                 form.adopt(names)
@@ -86,9 +90,8 @@ class Arrays:
             raise MissingField
         name = form.names[step] if isinstance(step, int) else step.name
         if names == form.names:
-            if name not in form.places:
-                raise MissingField(names)
-            return form.places[name]
+            return form.places.get(name)
+        self.seen |= dict.fromkeys(names)
         if self._last_reordered != self._message:
             self._last_reordered = self._message
             self.reordered += 1

@@ -229,13 +229,16 @@ class _Topic:
             yield steps, value
 
     def _place(self, steps: tuple[Step, ...], containers: list[Any], place: int, length: int) -> int:
-        """Return where in the first message the element stood that has this name here."""
+        """Return where the element stood that has this name in the first message that had it."""
         names = names_beside(containers[:-1], length)
         first = self._names.setdefault(steps, names)
         if first is None or names is None:
             self._names[steps] = None
             return place
-        return first.index(names[place]) if names[place] in first else place
+        if names[place] not in first:
+            # Another program that writes to the same topic, with names of its own.
+            first.append(names[place])
+        return first.index(names[place])
 
     def _thin(self) -> None:
         """Forget every other message, and from now on look at half as many."""

@@ -195,6 +195,11 @@ def _finite(where: str, series: TopicSeries) -> TopicSeries:
         return series
     if not kept.any():
         message = f"{where}: none of the {len(kept)} messages of topic {series.topic} has a finite value in all fields"
+        if np.isfinite(series.values).any(axis=0).all():
+            message += (
+                "; each field has one in some message, so several programs seem to write to the topic: take the fields "
+                "of one of them, or record them on topics of their own"
+            )
         raise LogError(message)
     return replace(series, time_ns=series.time_ns[kept], values=series.values[kept])
 

@@ -61,11 +61,6 @@ class FieldPath:
 class MissingField(Exception):
     """A message does not have the field that a path leads to. Never leaves this package."""
 
-    def __init__(self, names: Sequence[str] = ()) -> None:
-        super().__init__()
-        self.names = names
-        """The names beside the array that the path leads into, if it is one of them that is missing."""
-
 
 def parse_path(text: str) -> FieldPath:
     """Read the path of one value.

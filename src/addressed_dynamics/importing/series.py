@@ -15,7 +15,7 @@ from addressed_dynamics.base.errors import LogError
 from addressed_dynamics.importing.agreement import Agreement
 from addressed_dynamics.importing.arrays import Arrays
 from addressed_dynamics.importing.decoding import ZSTANDARD, Decode, decoder_for, reason, unpacked
-from addressed_dynamics.importing.paths import FieldPath, MissingField, listed_fields, look_up, shown
+from addressed_dynamics.importing.paths import FieldPath, Label, MissingField, listed_fields, look_up, shown
 from addressed_dynamics.importing.signals import Signal
 from addressed_dynamics.importing.stamps import own_time
 from addressed_dynamics.logs.container import MessageRun
@@ -166,9 +166,21 @@ class TopicReader:
                 "give the topic another 'time' under 'topics'"
             )
             raise LogError(message)
+        self._check_names(values)
         if not self._turns.active:
             return {0: self._series(time_ns, values)}
         return {int(part): self._series(time_ns[parts == part], values[parts == part]) for part in np.unique(parts)}
+
+    def _check_names(self, values: Float64[np.ndarray, "message signal"]) -> None:
+        """Refuse a name that stands beside no array."""
+        for (_, path, _), column in zip(self._wanted, values.T, strict=True):
+            named = [step.name for step in path.steps if isinstance(step, Label)]
+            if not np.isfinite(column).any() and not set(named) <= set(self._arrays.seen):
+                message = (
+                    f"{self._where}: topic {self._topic} has no field '{shown(path.steps).lstrip('.')}'; the names "
+                    f"beside the array are: {', '.join(self._arrays.seen)}"
+                )
+                raise LogError(message)
 
     def _series(
         self, time_ns: Int64[np.ndarray, " message"], values: Float64[np.ndarray, "message signal"]
@@ -201,9 +213,8 @@ class TopicReader:
         try:
             return signal.number(look_up(decoded, path.steps, self._arrays.place))
         except MissingField as error:
-            beside = f"the names beside the array are: {', '.join(error.names)}"
-            fields = beside if error.names else f"its fields are: {listed_fields(decoded)}"
-            raise self._refused(stamp, f"has no field '{shown(path.steps).lstrip('.')}'; {fields}") from error
+            what = f"has no field '{shown(path.steps).lstrip('.')}'; its fields are: {listed_fields(decoded)}"
+            raise self._refused(stamp, what) from error
         except (TypeError, ValueError, OverflowError) as error:
             what = f"has a field '{shown(path.steps).lstrip('.')}' that cannot be used: {reason(error)}"
             raise self._refused(stamp, what) from error
