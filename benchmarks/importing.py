@@ -5,7 +5,12 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
+from google.protobuf.descriptor_pb2 import FieldDescriptorProto as Field
+from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
+from google.protobuf.descriptor_pool import DescriptorPool
+from google.protobuf.message_factory import GetMessageClass
 from mcap.reader import make_reader
+from mcap.records import Schema
 from mcap.writer import Writer
 from mcap_ros2.decoder import DecoderFactory
 from mcap_ros2.writer import Writer as Ros2Writer
@@ -48,6 +53,31 @@ def write_json_log(path: Path) -> None:
         writer.finish()
 
 
+def write_protobuf_log(path: Path) -> None:
+    """Write the messages in protobuf."""
+    proto = FileDescriptorProto(name="arm.proto", package="arm", syntax="proto3")
+    for name, field, label in (
+        ("State", "position", Field.LABEL_REPEATED),
+        ("Command", "torque", Field.LABEL_OPTIONAL),
+    ):
+        proto.message_type.add(name=name).field.add(name=field, number=1, label=label, type=Field.TYPE_DOUBLE)
+    pool = DescriptorPool()
+    pool.Add(proto)
+    definition = FileDescriptorSet(file=[proto]).SerializeToString()
+    names = {"/joint_states": "arm.State", "/command": "arm.Command"}
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        kinds, channels = {}, {}
+        for topic, name in names.items():
+            kinds[topic] = GetMessageClass(pool.FindMessageTypeByName(name))
+            schema = writer.register_schema(name, "protobuf", definition)
+            channels[topic] = writer.register_channel(topic, "protobuf", schema)
+        for topic, time, message in messages():
+            writer.add_message(channels[topic], time, kinds[topic](**message).SerializeToString(), time)
+        writer.finish()
+
+
 def write_ros2_log(path: Path) -> None:
     """Write the messages as ROS 2 does."""
     with path.open("wb") as file:
@@ -64,18 +94,29 @@ def write_ros2_log(path: Path) -> None:
 
 def decode_only(path: Path) -> None:
     """Decode every message with mcap's reader, and keep nothing."""
-    factory = DecoderFactory()
+    factory, kinds = DecoderFactory(), dict[int, Callable[[bytes], object]]()
     with path.open("rb") as file:
         for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages():
-            decode: Callable[[bytes], object] = factory.decoder_for(channel.message_encoding, schema) or json.loads
+            if channel.id not in kinds:
+                kinds[channel.id] = _protobuf(schema) if channel.message_encoding == "protobuf" else json.loads
+            decode = factory.decoder_for(channel.message_encoding, schema) or kinds[channel.id]
             decode(message.data)
+
+
+def _protobuf(schema: Schema | None) -> Callable[[bytes], object]:
+    assert schema is not None
+    pool = DescriptorPool()
+    for each in FileDescriptorSet.FromString(schema.data).file:
+        pool.Add(each)
+    decode: Callable[[bytes], object] = GetMessageClass(pool.FindMessageTypeByName(schema.name)).FromString
+    return decode
 
 
 def main() -> None:
     """Print the time of each, and the ratios."""
     rows = []
     count = len(messages())
-    for name, write in {"JSON": write_json_log, "ROS 2": write_ros2_log}.items():
+    for name, write in {"JSON": write_json_log, "protobuf": write_protobuf_log, "ROS 2": write_ros2_log}.items():
         with tempfile.TemporaryDirectory() as folder:
             log = Path(folder) / "log.mcap"
             write(log)
