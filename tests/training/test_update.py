@@ -154,3 +154,18 @@ def test_of_the_sum_of_both_errors_the_squared_one_is_reported_and_the_derivativ
     (squared + (error.abs().mean(-1) * weight).sum(dim=1)).sum().backward()
     torch.testing.assert_close(reported, squared.detach())
     torch.testing.assert_close(derivative, output.grad)
+
+
+def test_weight_decay_is_that_of_adamw() -> None:
+    stack, reference = (make_stack(2, "tanh") for _ in range(2))
+    constant = OPTIMISER.model_copy(update={"final_share": 1.0})
+    trainer = StackTrainer(stack, squared_error, constant, 20, weight_decay=0.3)
+    optimiser = torch.optim.AdamW(reference.parameters(), lr=1e-2, betas=(0.9, 0.99), weight_decay=0.3)
+    for step in range(20):
+        x, y, weight = batch(2, seed=step)
+        trainer.update(x, y, weight)
+        optimiser.zero_grad()
+        ((reference(x) - y).square().mean(-1) * weight).sum().backward()
+        optimiser.step()
+    for found, expected in zip(stack.parameters(), reference.parameters(), strict=True):
+        torch.testing.assert_close(found, expected, rtol=1e-4, atol=1e-6)

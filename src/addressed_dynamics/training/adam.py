@@ -14,9 +14,20 @@ from addressed_dynamics.base.params.sections import OptimiserParams
 class FlatAdam:
     """Adam whose learning rate follows its schedule. The parameters become views of one tensor and change in place."""
 
-    def __init__(self, parameters: Iterable[nn.Parameter], optimiser: OptimiserParams, total_updates: int) -> None:
-        """Prepare for `total_updates` updates of `parameters`."""
+    def __init__(
+        self,
+        parameters: Iterable[nn.Parameter],
+        optimiser: OptimiserParams,
+        total_updates: int,
+        *,
+        weight_decay: float = 0.0,
+    ) -> None:
+        """Prepare for `total_updates` updates of `parameters`.
+
+        With `weight_decay` every parameter first shrinks, in each update, by this share of the learning rate (AdamW).
+        """
         own = list(parameters)
+        self._weight_decay = weight_decay
         self._schedule = optimiser
         self._total_updates = total_updates
         self.updates = 0
@@ -35,6 +46,8 @@ class FlatAdam:
     @torch.no_grad()
     def step(self) -> None:
         """Make an update with the gradients that are there."""
+        if self._weight_decay:
+            self._flat.mul_(1.0 - self.learning_rate * self._weight_decay)
         # The function that torch.optim.Adam calls: the class around it costs a small network as much as its products.
         adam(
             [self._flat], [self._gradient], [self._first_moment], [self._second_moment], [], [self._adam_step],
@@ -58,6 +71,14 @@ class FlatAdam:
             "second_moment": self._second_moment.clone(),
             "updates": torch.tensor(self.updates),
         }
+
+    def parameters(self) -> Float[Tensor, " parameter"]:
+        """Return all parameters as they are, as a copy."""
+        return self._flat.clone()
+
+    def replace(self, parameters: Float[Tensor, " parameter"]) -> None:
+        """Put others, which `parameters` returned, in their place."""
+        self._flat.copy_(parameters)
 
     def restore(self, state: dict[str, Tensor]) -> None:
         """Go on from what `state` returned."""

@@ -18,6 +18,7 @@ from addressed_dynamics.training.checkpoints import Checkpoint
 from addressed_dynamics.training.clustering import assign_to_bins
 from addressed_dynamics.training.epochs import Batch, Epoch, Length, batches
 from addressed_dynamics.training.losses import REGRESSION_LOSSES, loss_profile, reported_loss
+from addressed_dynamics.training.stopping import Stopping
 from addressed_dynamics.training.update import StackTrainer
 
 Binning = Literal["equal", "lowest_loss", "random"]
@@ -50,6 +51,10 @@ def train_ensemble(
     With `params.restart` the epochs in which bins are made anew only find the bins: the networks then start again from
     their first weights and the learning rate from its peak, so that no network has ever seen what is not in its bin.
 
+    With `params.early_stopping` the last epoch that is yielded, which may come before the epochs end, has the networks
+    and metrics of the epoch with the lowest `loss/validation` (after the restart, if there is one), and `epoch/kept`
+    says which that is.
+
     With `augment` the members train on what it makes of their batches; bins and metrics are of the samples as they are.
 
     With a checkpoint, training goes on from it if it exists: the epochs before it are yielded again with their metrics
@@ -79,19 +84,22 @@ def train_ensemble(
         return StackTrainer(
             untrained, REGRESSION_LOSSES[params.loss], params.optimiser,
             found_after if epoch <= search else length.updates - found_after,
-            dropout=params.dropout, generator=generator,
+            dropout=params.dropout, weight_decay=params.weight_decay, generator=generator,
         )  # fmt: skip
 
+    stopping = Stopping(length.epochs, params.early_stopping, "loss/validation", first=search + 1)
     bins = torch.randint(0, members, (len(train),), generator=named_generator(seed, "ensemble/random_bins"))
     history, state = checkpoint.load() if checkpoint else ([], {})
     trainer = begin(max(len(history), 1))
+    kept = trainer.parameters()
     if history:
-        bins, random_state = state.pop("bins"), state.pop("generator")
+        bins, random_state, kept = state.pop("bins"), state.pop("generator"), state.pop("kept", kept)
         generator.set_state(random_state)
         trainer.restore(state)
-    for epoch, metrics in enumerate(history, start=1):
-        yield _epoch(epoch, length, metrics, trainer.stack)
-    for epoch in range(len(history) + 1, length.epochs + 1):
+    for epoch in range(1, len(history) + 1):
+        yield _ended(history[:epoch], length, stopping, trainer, kept)
+    while not history or not stopping.ends(history):
+        epoch = len(history) + 1
         if search and epoch == search + 1:
             trainer = begin(epoch)
         stack, previous = trainer.stack, bins
@@ -106,9 +114,12 @@ def train_ensemble(
         metrics |= specialisation(evaluate_profiles(stack, validation, reported_loss(params.loss)) * loss_unit)
         metrics["bins/changed"] = float((bins != previous).double().mean()) if epoch > 1 else 1.0
         history.append(metrics)
+        if params.early_stopping and stopping.kept(history) == epoch:
+            kept = trainer.parameters()
         if checkpoint:
-            checkpoint.save(history, {**trainer.state(), "bins": bins, "generator": generator.get_state()})
-        yield _epoch(epoch, length, metrics, stack)
+            state = {**trainer.state(), "bins": bins, "generator": generator.get_state()}
+            checkpoint.save(history, state | ({"kept": kept} if params.early_stopping else {}))
+        yield _ended(history, length, stopping, trainer, kept)
 
 
 def untrained_ensemble(inputs: int, outputs: int, params: EnsembleParams, *, seed: int) -> StackedMLP:
@@ -138,9 +149,15 @@ def specialisation(profiles: Float[Tensor, "sample member"]) -> dict[str, float]
     return metrics
 
 
-def _epoch(index: int, length: Length, metrics: dict[str, float], stack: StackedMLP) -> Epoch:
-    updates, samples = length.updates_after(index), length.samples_after(index)
-    return Epoch(index, index == length.epochs, updates, metrics, stack, samples)
+def _ended(
+    history: list[dict[str, float]], length: Length, stopping: Stopping, trainer: StackTrainer, kept: Tensor
+) -> Epoch:
+    """Return the last epoch of `history`; if training ends with it, with the networks and metrics of the one kept."""
+    index, metrics, last = len(history), history[-1], stopping.ends(history)
+    if last and stopping.patience is not None:
+        trainer.replace(kept)
+        metrics = history[stopping.kept(history) - 1] | {"epoch/kept": float(stopping.kept(history))}
+    return Epoch(index, last, length.updates_after(index), metrics, trainer.stack, length.samples_after(index))
 
 
 def _train_one_epoch(

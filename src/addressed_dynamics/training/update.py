@@ -29,6 +29,7 @@ class StackTrainer:
         total_updates: int,
         *,
         dropout: float = 0.0,
+        weight_decay: float = 0.0,
         generator: torch.Generator | None = None,
     ) -> None:
         """Prepare to train `stack` for `total_updates` updates, over which the learning rate follows its schedule.
@@ -39,13 +40,14 @@ class StackTrainer:
             optimiser: how.
             total_updates: number of updates to come.
             dropout: share of the inputs of every layer that are set to 0 in an update.
+            weight_decay: share of the learning rate by which parameters shrink in an update.
             generator: which ones; of no use without dropout.
         """
         self.stack = stack
         self._loss = loss
         self._keep = 1.0 - dropout
         self._generator = generator
-        self._adam = FlatAdam(stack.parameters(), optimiser, total_updates)
+        self._adam = FlatAdam(stack.parameters(), optimiser, total_updates, weight_decay=weight_decay)
         layers = len(stack.weights)
         self._weights, self._biases = self._adam.values[:layers], self._adam.values[layers:]
         self._weight_gradients, self._bias_gradients = self._adam.gradients[:layers], self._adam.gradients[layers:]
@@ -112,6 +114,14 @@ class StackTrainer:
     def state(self) -> dict[str, Tensor]:
         """Return all that is needed to go on from here, as copies."""
         return self._adam.state()
+
+    def parameters(self) -> Tensor:
+        """Return all weights and biases as they are, as a copy in one tensor."""
+        return self._adam.parameters()
+
+    def replace(self, parameters: Tensor) -> None:
+        """Put others, which `parameters` returned, in their place."""
+        self._adam.replace(parameters)
 
     def restore(self, state: dict[str, Tensor]) -> None:
         """Go on from what `state` returned."""

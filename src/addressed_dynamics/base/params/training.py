@@ -29,7 +29,12 @@ class EnsembleParams(Section):
     """Samples per member and update."""
     dropout: Dropout = 0.0
     """Share of every layer's inputs that are set to 0 in an update."""
+    weight_decay: Annotated[float, Field(ge=0.0)] = 0.0
+    """Share of the learning rate by which every weight and bias shrinks in an update, beside what Adam does (AdamW)."""
     epochs: Count = 24
+    early_stopping: Count | None = None
+    """Epochs in a row without a lower validation loss that end the training; the networks are then those of the epoch
+    with the lowest. null: trained to the end, and kept as they are then."""
     cluster_epochs: Count = 3
     """Bins are made anew in the first so many epochs and kept after that; `all` of them is the paper's way."""
     restart: bool = False
@@ -182,7 +187,14 @@ class RecipeChanges(Section):
     """In what an experiment does otherwise with the paper's recipe, beside what `PAPER` says for its kind of data."""
 
     PAPER: ClassVar[Mapping[str, Any]] = {
-        "ensemble": {"loss": "mae", "optimiser": PAPER_OPTIMISER, "cluster_epochs": "all", "restart": False},
+        "ensemble": {
+            "loss": "mae",
+            "optimiser": PAPER_OPTIMISER,
+            "cluster_epochs": "all",
+            "restart": False,
+            "weight_decay": 0.0,
+            "early_stopping": None,
+        },
         "addressing": {"optimiser": PAPER_OPTIMISER, "variants": ["plain"], "deliver": "plain"},
     }
     """Keys of sections that take the place of the experiment's own."""
