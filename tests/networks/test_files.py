@@ -60,11 +60,22 @@ def test_heads_on_a_trunk_are_loaded_as_they_were_saved(folder: Path) -> None:
     assert torch.equal(loaded(x), stack(x))
 
 
-def test_a_network_of_an_earlier_version_shares_no_layers(folder: Path) -> None:
+def test_a_linear_part_is_loaded_as_it_was_saved(folder: Path) -> None:
+    stack = StackedMLP(3, (5, 8, 2), "tanh", torch.Generator().manual_seed(0), linear=True)
+    torch.nn.init.normal_(stack.linear[0])
+    save_network(folder, SavedNetwork(stack, load_network(folder, FeatureSpec).features, {}))
+    loaded, x = load_network(folder, FeatureSpec).stack, torch.randn(6, 5)
+    assert torch.equal(loaded.linear[0], stack.linear[0])
+    assert torch.equal(loaded(x), stack(x))
+
+
+def test_a_network_of_an_earlier_version_has_no_shared_layers_and_no_linear_part(folder: Path) -> None:
     config = json.loads((folder / "config.json").read_text())
-    del config["architecture"]["shared"]
+    del config["architecture"]["shared"], config["architecture"]["linear"]
     (folder / "config.json").write_text(json.dumps(config))
-    assert load_network(folder, FeatureSpec).stack.shared == 0
+    stack = load_network(folder, FeatureSpec).stack
+    assert stack.shared == 0
+    assert not len(stack.linear)
 
 
 def test_the_same_network_makes_the_same_bytes(folder: Path, tmp_path: Path) -> None:

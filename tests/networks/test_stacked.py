@@ -11,11 +11,15 @@ from addressed_dynamics.base.errors import ModelError
 from addressed_dynamics.networks.stacked import StackedMLP, in_chunks
 
 SHARED = pytest.mark.parametrize("shared", [0, 1, 2])
+LINEAR = pytest.mark.parametrize("linear", [False, True])
 
 
-def make_stack(members: int = 3, activation: str = "tanh", shared: int = 0) -> StackedMLP:
+def make_stack(members: int = 3, activation: str = "tanh", shared: int = 0, *, linear: bool = False) -> StackedMLP:
     generator = torch.Generator().manual_seed(0)
-    return StackedMLP(members, (5, 16, 16, 2), activation, generator, shared=shared)  # type: ignore[arg-type]
+    stack = StackedMLP(members, (5, 16, 16, 2), activation, generator, shared=shared, linear=linear)  # type: ignore[arg-type]
+    for weight in stack.linear:
+        torch.nn.init.normal_(weight, generator=generator)
+    return stack
 
 
 def one_member(stack: StackedMLP, member: int, x: torch.Tensor) -> torch.Tensor:
@@ -27,43 +31,49 @@ def one_member(stack: StackedMLP, member: int, x: torch.Tensor) -> torch.Tensor:
         own = 0 if layer < stack.shared else member
         hidden = hidden @ stack.weights[layer][own].double() + stack.biases[layer][own].double()
         hidden = activate(hidden) if layer < last else hidden
+    for weight in stack.linear:
+        hidden = hidden + x.double() @ weight[member].double()
     return hidden.float()
 
 
 @SHARED
+@LINEAR
 @pytest.mark.parametrize("activation", ["relu", "tanh", "elu"])
-def test_every_member_gives_what_it_would_give_alone(activation: str, shared: int) -> None:
-    stack, x = make_stack(activation=activation, shared=shared), torch.randn(7, 5)
+def test_every_member_gives_what_it_would_give_alone(activation: str, shared: int, linear: bool) -> None:
+    stack, x = make_stack(activation=activation, shared=shared, linear=linear), torch.randn(7, 5)
     for member in range(3):
         torch.testing.assert_close(stack(x)[member], one_member(stack, member, x))
 
 
 @SHARED
-def test_members_can_have_inputs_of_their_own(shared: int) -> None:
-    stack, x = make_stack(shared=shared), torch.randn(3, 7, 5)
+@LINEAR
+def test_members_can_have_inputs_of_their_own(shared: int, linear: bool) -> None:
+    stack, x = make_stack(shared=shared, linear=linear), torch.randn(3, 7, 5)
     torch.testing.assert_close(stack(x)[1], stack(x[1])[1])
 
 
 @settings(max_examples=25)
-@given(st.lists(st.integers(0, 2), max_size=12), st.integers(0, 2))
-def test_routing_gives_each_sample_the_output_of_its_own_member(member: list[int], shared: int) -> None:
-    stack, x = make_stack(shared=shared), torch.randn(len(member), 5)
+@given(st.lists(st.integers(0, 2), max_size=12), st.integers(0, 2), st.booleans())
+def test_routing_gives_each_sample_the_output_of_its_own_member(member: list[int], shared: int, linear: bool) -> None:
+    stack, x = make_stack(shared=shared, linear=linear), torch.randn(len(member), 5)
     routed = stack.forward_routed(x, torch.tensor(member, dtype=torch.int64))
     expected = stack(x)[member, torch.arange(len(member))]
     torch.testing.assert_close(routed, expected)
 
 
 @SHARED
-def test_blending_with_one_hot_coefficients_is_routing(shared: int) -> None:
-    stack, x, member = make_stack(shared=shared), torch.randn(6, 5), torch.tensor([0, 1, 2, 2, 1, 0])
+@LINEAR
+def test_blending_with_one_hot_coefficients_is_routing(shared: int, linear: bool) -> None:
+    stack, x, member = make_stack(shared=shared, linear=linear), torch.randn(6, 5), torch.tensor([0, 1, 2, 2, 1, 0])
     blended = stack.forward_blended(x, torch.nn.functional.one_hot(member, 3).float())
     torch.testing.assert_close(blended, stack.forward_routed(x, member))
 
 
+@LINEAR
 @pytest.mark.parametrize("shared", [0, 1])
-def test_blending_mixes_parameters_not_outputs(shared: int) -> None:
-    stack, x = make_stack(shared=shared), torch.randn(4, 5)
-    mixed = StackedMLP(1, stack.widths, stack.activation)
+def test_blending_mixes_parameters_not_outputs(shared: int, linear: bool) -> None:
+    stack, x = make_stack(shared=shared, linear=linear), torch.randn(4, 5)
+    mixed = StackedMLP(1, stack.widths, stack.activation, linear=linear)
     for target, source in zip(mixed.parameters(), stack.parameters(), strict=True):
         # The coefficients add up to 1, so a layer that all members share is what it is.
         target.data = (source * torch.tensor([0.5, 0.3, 0.2]).view(3, 1, 1)).sum(dim=0, keepdim=True).detach()
@@ -96,6 +106,16 @@ def test_parameters_are_counted_per_member_and_in_total() -> None:
     assert [stack.parameters_per_member for stack in stacks] == [first + second + last] * 3
     totals = [3 * (first + second + last), first + 3 * (second + last), first + second + 3 * last]
     assert [stack.parameters_total for stack in stacks] == totals
+    assert make_stack(linear=True).parameters_per_member == first + second + last + 5 * 2
+    assert make_stack(linear=True).parameters_total == 3 * (first + second + last + 5 * 2)
+
+
+def test_a_linear_part_changes_nothing_at_first_nor_the_weights_that_are_drawn() -> None:
+    stacks = [
+        StackedMLP(3, (5, 16, 2), "tanh", torch.Generator().manual_seed(0), linear=linear) for linear in (False, True)
+    ]
+    x = torch.randn(6, 5)
+    assert torch.equal(stacks[0](x), stacks[1](x))
 
 
 def test_chunks_give_what_one_pass_gives() -> None:
@@ -127,8 +147,9 @@ def products_of(call: Callable[[], torch.Tensor]) -> int:
 
 
 @SHARED
-def test_multiply_adds_are_those_that_pytorch_counts(shared: int) -> None:
-    stack, x = make_stack(shared=shared), torch.randn(1, 5)
+@LINEAR
+def test_multiply_adds_are_those_that_pytorch_counts(shared: int, linear: bool) -> None:
+    stack, x = make_stack(shared=shared, linear=linear), torch.randn(1, 5)
     one = torch.zeros(1, dtype=torch.int64)
     assert stack.multiply_adds() == products_of(lambda: stack(x))
     assert stack.multiply_adds(members=1) == products_of(lambda: stack.forward_routed(x, one))

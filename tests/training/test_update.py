@@ -17,9 +17,14 @@ from addressed_dynamics.training.update import StackTrainer
 OPTIMISER = OptimiserParams(learning_rate=1e-2, betas=(0.9, 0.99), final_share=0.1)
 
 
-def make_stack(members: int, activation: str, outputs: int = 2, seed: int = 0, shared: int = 0) -> StackedMLP:
+def make_stack(
+    members: int, activation: str, outputs: int = 2, seed: int = 0, shared: int = 0, *, linear: bool = False
+) -> StackedMLP:
     generator = torch.Generator().manual_seed(seed)
-    return StackedMLP(members, (5, 16, 8, outputs), activation, generator, shared=shared)  # type: ignore[arg-type]
+    stack = StackedMLP(members, (5, 16, 8, outputs), activation, generator, shared=shared, linear=linear)  # type: ignore[arg-type]
+    for weight in stack.linear:
+        torch.nn.init.normal_(weight, generator=generator)
+    return stack
 
 
 def batch(members: int, samples: int = 12, seed: int = 1) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
@@ -29,7 +34,8 @@ def batch(members: int, samples: int = 12, seed: int = 1) -> tuple[torch.Tensor,
 
 
 def assert_gradients_are_of(trainer: StackTrainer, reference: StackedMLP) -> None:
-    computed = torch.cat([gradient.flatten() for gradient in trainer._weight_gradients + trainer._bias_gradients])
+    gradients = trainer._weight_gradients + trainer._bias_gradients + trainer._linear_gradients
+    computed = torch.cat([gradient.flatten() for gradient in gradients])
     wanted = torch.cat([parameter.grad.flatten() for parameter in reference.parameters()])
     torch.testing.assert_close(computed, wanted, rtol=1e-4, atol=1e-6)
 
@@ -37,8 +43,9 @@ def assert_gradients_are_of(trainer: StackTrainer, reference: StackedMLP) -> Non
 @pytest.mark.parametrize("activation", ["relu", "tanh", "elu"])
 @pytest.mark.parametrize("loss", ["mse", "mae", "cross_entropy"])
 @pytest.mark.parametrize("shared", [0, 1, 2])
-def test_gradients_equal_those_of_autograd(activation: str, loss: str, shared: int) -> None:
-    stack, reference = (make_stack(3, activation, shared=shared) for _ in range(2))
+@pytest.mark.parametrize("linear", [False, True])
+def test_gradients_equal_those_of_autograd(activation: str, loss: str, shared: int, linear: bool) -> None:
+    stack, reference = (make_stack(3, activation, shared=shared, linear=linear) for _ in range(2))
     x, y, weight = batch(3)
     x = x[:1] if shared else x
     weight = weight * torch.rand(weight.shape)
@@ -169,3 +176,14 @@ def test_weight_decay_is_that_of_adamw() -> None:
         optimiser.step()
     for found, expected in zip(stack.parameters(), reference.parameters(), strict=True):
         torch.testing.assert_close(found, expected, rtol=1e-4, atol=1e-6)
+
+
+def test_a_linear_part_does_not_shrink() -> None:
+    stack = make_stack(2, "tanh", linear=True)
+    before = stack.linear[0].detach().clone()
+    x, y, _ = batch(2)
+    trainer = StackTrainer(stack, squared_error, OPTIMISER, 20, weight_decay=0.3)
+    trainer.update(x, y, torch.zeros(2, 12))
+    assert torch.equal(stack.linear[0], before)
+    fresh = make_stack(2, "tanh", linear=True)
+    torch.testing.assert_close(stack.weights[0], fresh.weights[0] * (1 - 0.3 * 1e-2))

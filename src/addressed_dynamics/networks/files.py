@@ -42,6 +42,7 @@ def save_network(folder: Path, network: SavedNetwork[Features]) -> None:
             "widths": list(stack.widths),
             "activation": stack.activation,
             "shared": stack.shared,
+            "linear": bool(len(stack.linear)),
         },
         "features": network.features.to_json(),
         "notes": network.notes,
@@ -82,9 +83,9 @@ def load_any_network(folder: Path) -> SavedNetwork[Any]:
         if activation not in ACTIVATIONS:
             message = f"unknown activation '{activation}'"
             raise ValueError(message)
-        # Models of earlier versions have no shared layers, and do not say so.
-        shared = int(architecture.get("shared", 0))
-        stack = StackedMLP(int(architecture["members"]), widths, activation, shared=shared)  # type: ignore[arg-type] # checked above
+        # Models of earlier versions have neither shared layers nor linear parts, and do not say so.
+        shared, linear = int(architecture.get("shared", 0)), bool(architecture.get("linear", False))
+        stack = StackedMLP(int(architecture["members"]), widths, activation, shared=shared, linear=linear)  # type: ignore[arg-type] # checked above
         features, notes = _features(config["features"]), dict(config["notes"])
     except (KeyError, TypeError, ValueError, ModelError) as error:
         message = f"{folder / 'config.json'}: incomplete or malformed ({error}); train the model again"

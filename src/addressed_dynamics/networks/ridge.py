@@ -11,6 +11,7 @@ from jaxtyping import Float, Float64
 from torch import Tensor
 
 from addressed_dynamics.base.errors import TrainingError
+from addressed_dynamics.features.common.samples import Windows
 
 PENALTIES = tuple(10.0**exponent for exponent in range(-6, 2))
 """Penalties that are tried."""
@@ -18,6 +19,7 @@ SMALLEST_DEVIATION = 1e-6
 """An input that deviates less is constant and gets no weight."""
 CHUNK_ROWS = 8192
 
+Rows = Float[np.ndarray, "row column"] | Float[Tensor, "row column"] | Windows
 Chunks = Iterable[tuple[Float[np.ndarray, "row input"], Float[np.ndarray, "row output"]]]
 
 
@@ -97,8 +99,8 @@ def solve(of: Moments, penalties: Sequence[float]) -> Iterator[Ridge]:
 
 
 def fit_ridge(
-    train: tuple[Float[np.ndarray, "row input"], Float[np.ndarray, "row output"]],
-    validation: tuple[Float[np.ndarray, "other input"], Float[np.ndarray, "other output"]],
+    train: tuple[Rows, Rows],
+    validation: tuple[Rows, Rows],
     penalties: Sequence[float] = PENALTIES,
 ) -> Ridge:
     """Return the linear map with the penalty that has the lowest mean absolute error on the validation rows.
@@ -112,10 +114,11 @@ def fit_ridge(
     candidates = list(solve(moments(_chunks(*train)), penalties))
     errors = np.zeros(len(candidates))
     for x, y in _chunks(*validation):
-        given, true = torch.from_numpy(np.asarray(x)).float(), torch.from_numpy(np.asarray(y)).float()
+        given, true = torch.from_numpy(x).float(), torch.from_numpy(y).float()
         errors += [float((given @ each.weight + each.bias - true).abs().double().sum()) for each in candidates]
     return candidates[int(errors.argmin())]
 
 
-def _chunks(x: Float[np.ndarray, "row input"], y: Float[np.ndarray, "row output"]) -> Chunks:
-    return ((x[first : first + CHUNK_ROWS], y[first : first + CHUNK_ROWS]) for first in range(0, len(x), CHUNK_ROWS))
+def _chunks(x: Rows, y: Rows) -> Chunks:
+    blocks = (slice(first, first + CHUNK_ROWS) for first in range(0, len(x), CHUNK_ROWS))
+    return ((np.asarray(x[block]), np.asarray(y[block])) for block in blocks)

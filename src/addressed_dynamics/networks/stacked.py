@@ -32,6 +32,8 @@ class StackedMLP(nn.Module):
 
     The first `shared` layers may be the same for all members: a trunk, whose weights are (1, in, out), with one head
     for each member.
+
+    With a linear part the output of a member is that of its layers plus the inputs times a matrix of its own.
     """
 
     def __init__(
@@ -42,6 +44,7 @@ class StackedMLP(nn.Module):
         generator: torch.Generator | None = None,
         *,
         shared: int = 0,
+        linear: bool = False,
     ) -> None:
         """Make the networks, with weights and biases uniform in ±1/sqrt(inputs of the layer), as `nn.Linear` has them.
 
@@ -51,6 +54,7 @@ class StackedMLP(nn.Module):
             activation: nonlinearity after each hidden layer.
             generator: source of the initial weights; None leaves them zero, to be loaded.
             shared: number of first layers that are the same for all members.
+            linear: whether every member has a linear part, whose weights are zero at first.
 
         Raises:
             ModelError: there are no members or fewer than two widths, or one of them is below 1; or no layer is left
@@ -82,6 +86,9 @@ class StackedMLP(nn.Module):
                 bias.uniform_(-bound, bound, generator=generator)
             self.weights.append(nn.Parameter(weight))
             self.biases.append(nn.Parameter(bias))
+        self.linear = nn.ParameterList()
+        if linear:
+            self.linear.append(nn.Parameter(torch.zeros(members, self.widths[0], self.widths[-1])))
 
     @property
     def parameters_per_member(self) -> int:
@@ -100,8 +107,11 @@ class StackedMLP(nn.Module):
         are evaluated once.
         """
         evaluated = self.members if members is None else members
+        linear = evaluated * self.widths[0] * self.widths[-1] if len(self.linear) else 0
         layers = enumerate(pairwise(self.widths))
-        return sum(width_in * width_out * (1 if k < self.shared else evaluated) for k, (width_in, width_out) in layers)
+        return linear + sum(
+            width_in * width_out * (1 if k < self.shared else evaluated) for k, (width_in, width_out) in layers
+        )
 
     @property
     def multiply_adds_blended(self) -> int:
@@ -122,7 +132,7 @@ class StackedMLP(nn.Module):
         *inner, last = self._own_layers()
         for weight, bias in inner:
             hidden = activate(torch.baddbmm(bias, hidden, weight))
-        return torch.baddbmm(last[1], hidden, last[0])
+        return self._with_linear(torch.baddbmm(last[1], hidden, last[0]), x)
 
     forward = forward_all
 
@@ -136,6 +146,8 @@ class StackedMLP(nn.Module):
             rows = torch.nonzero(member == index).squeeze(1)
             if len(rows):
                 output[rows] = self._forward_member(hidden[rows], index)
+                for weight in self.linear:
+                    output[rows] += x[rows] @ weight[index]
         return output
 
     def forward_blended(
@@ -149,11 +161,19 @@ class StackedMLP(nn.Module):
         activate = ACTIVATIONS[self.activation]
         mix = coefficients.T.unsqueeze(-1)
         hidden = self._forward_shared(x)
-        for layer, (weight, bias) in enumerate(self._own_layers()):
-            if layer:
-                hidden = activate(hidden)
-            hidden = (mix * torch.baddbmm(bias, hidden.expand(self.members, -1, -1), weight)).sum(dim=0)
-        return hidden
+        *inner, last = self._own_layers()
+        for weight, bias in inner:
+            hidden = activate((mix * torch.baddbmm(bias, hidden.expand(self.members, -1, -1), weight)).sum(dim=0))
+        outputs = torch.baddbmm(last[1], hidden.expand(self.members, -1, -1), last[0])
+        return (mix * self._with_linear(outputs, x)).sum(dim=0)
+
+    def _with_linear(
+        self, output: Float[Tensor, "member sample output"], x: Float[Tensor, "*member sample input"]
+    ) -> Float[Tensor, "member sample output"]:
+        """Return the outputs of the layers with those of the linear parts, if there are any."""
+        for weight in self.linear:
+            output = torch.baddbmm(output, x.expand(self.members, *x.shape[-2:]), weight)
+        return output
 
     def _own_layers(self) -> list[tuple[Tensor, Tensor]]:
         """Return weight and bias of the layers that every member has for itself."""

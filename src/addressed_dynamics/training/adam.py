@@ -21,17 +21,26 @@ class FlatAdam:
         total_updates: int,
         *,
         weight_decay: float = 0.0,
+        undecayed: Iterable[nn.Parameter] = (),
     ) -> None:
-        """Prepare for `total_updates` updates of `parameters`.
+        """Prepare for `total_updates` updates.
 
-        With `weight_decay` every parameter first shrinks, in each update, by this share of the learning rate (AdamW).
+        Args:
+            parameters: what is trained.
+            optimiser: how.
+            total_updates: number of updates to come.
+            weight_decay: share of the learning rate by which `parameters` shrink in each update (AdamW).
+            undecayed: what is trained too, but does not shrink; in `values` and `gradients` they come last.
         """
         own = list(parameters)
+        decayed = sum(parameter.numel() for parameter in own)
+        own += undecayed
         self._weight_decay = weight_decay
         self._schedule = optimiser
         self._total_updates = total_updates
         self.updates = 0
         self._flat = torch.cat([parameter.detach().flatten() for parameter in own])
+        self._decayed = self._flat[:decayed]
         self._gradient = torch.zeros_like(self._flat)
         self._first_moment, self._second_moment = torch.zeros_like(self._flat), torch.zeros_like(self._flat)
         self._adam_step = torch.tensor(0.0)
@@ -47,7 +56,7 @@ class FlatAdam:
     def step(self) -> None:
         """Make an update with the gradients that are there."""
         if self._weight_decay:
-            self._flat.mul_(1.0 - self.learning_rate * self._weight_decay)
+            self._decayed.mul_(1.0 - self.learning_rate * self._weight_decay)
         # The function that torch.optim.Adam calls: the class around it costs a small network as much as its products.
         adam(
             [self._flat], [self._gradient], [self._first_moment], [self._second_moment], [], [self._adam_step],

@@ -168,7 +168,8 @@ def same_size(ensemble: EnsembleParams, samples: int) -> EnsembleParams:
 
 def total_parameters(ensemble: EnsembleParams, inputs: int, outputs: int, samples: int) -> EnsembleParams:
     """Return the training of one network with as many parameters as the members together, as `as_single` does."""
-    hidden = hidden_of_total_parameters(inputs, outputs, ensemble.hidden, ensemble.members)
+    linear = inputs * outputs if ensemble.linear else 0
+    hidden = hidden_of_total_parameters(inputs, outputs, ensemble.hidden, ensemble.members, linear=linear)
     return as_single(ensemble, {"hidden": hidden}, samples)
 
 
@@ -178,16 +179,22 @@ def blended_training(network: BlendedNetwork, ensemble: EnsembleParams, samples:
     return BlendedTraining(**network.model_dump(), epochs=epochs)
 
 
-def hidden_of_total_parameters(inputs: int, outputs: int, hidden: tuple[int, ...], members: int) -> tuple[int, ...]:
-    """Return hidden widths, in the proportions of `hidden`, of one network with as many parameters as the members."""
+def hidden_of_total_parameters(
+    inputs: int, outputs: int, hidden: tuple[int, ...], members: int, *, linear: int = 0
+) -> tuple[int, ...]:
+    """Return hidden widths, in the proportions of `hidden`, of one network with as many parameters as the members.
+
+    Every network, the one and the members, has so many more in a linear part.
+    """
 
     def count(widths: tuple[int, ...]) -> int:
         layers = zip((inputs, *widths), (*widths, outputs), strict=True)
-        return sum((width_in + 1) * width_out for width_in, width_out in layers)
+        return linear + sum((width_in + 1) * width_out for width_in, width_out in layers)
 
     def stretched(percent: int) -> tuple[int, ...]:
         return tuple(max(1, round(width * percent / 100)) for width in hidden)
 
     wanted = members * count(hidden)
-    candidates = [stretched(percent) for percent in range(100, 100 * members + 1)]
+    most = math.ceil(100 * wanted / (count(hidden) - linear))
+    candidates = [stretched(percent) for percent in range(100, most + 1)]
     return min(candidates, key=lambda widths: abs(count(widths) - wanted))

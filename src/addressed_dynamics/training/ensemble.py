@@ -13,6 +13,7 @@ from addressed_dynamics.base.params.training import EnsembleParams
 from addressed_dynamics.base.torch_runtime import named_generator
 from addressed_dynamics.features.common.augmentation import Augment
 from addressed_dynamics.features.common.samples import Samples
+from addressed_dynamics.networks.ridge import Ridge, fit_ridge
 from addressed_dynamics.networks.stacked import StackedMLP, in_chunks
 from addressed_dynamics.training.checkpoints import Checkpoint
 from addressed_dynamics.training.clustering import assign_to_bins
@@ -55,6 +56,9 @@ def train_ensemble(
     and metrics of the epoch with the lowest `loss/validation` (after the restart, if there is one), and `epoch/kept`
     says which that is.
 
+    With `params.linear` every member begins with the linear map that ridge regression finds (the penalty is chosen on
+    validation samples), to which its layers add.
+
     With `augment` the members train on what it makes of their batches; bins and metrics are of the samples as they are.
 
     With a checkpoint, training goes on from it if it exists: the epochs before it are yielded again with their metrics
@@ -78,8 +82,12 @@ def train_ensemble(
         message = f"the networks start again after {search} epochs, but {updates} updates end before that: give more"
         raise TrainingError(message)
 
+    start = fit_ridge((train.x, train.y), (validation.x, validation.y)) if params.linear else None
+
     def begin(epoch: int) -> StackTrainer:
         untrained = untrained_ensemble(train.x.shape[1], train.y.shape[1], params, seed=seed)
+        if start is not None:
+            _start_from(start, untrained)
         found_after = length.updates_after(search)
         return StackTrainer(
             untrained, REGRESSION_LOSSES[params.loss], params.optimiser,
@@ -125,7 +133,15 @@ def train_ensemble(
 def untrained_ensemble(inputs: int, outputs: int, params: EnsembleParams, *, seed: int) -> StackedMLP:
     """Return the networks that `train_ensemble` starts from."""
     widths = (inputs, *params.hidden, outputs)
-    return StackedMLP(params.members, widths, params.activation, named_generator(seed, "ensemble/weights"))
+    generator = named_generator(seed, "ensemble/weights")
+    return StackedMLP(params.members, widths, params.activation, generator, linear=params.linear)
+
+
+@torch.no_grad()
+def _start_from(start: Ridge, stack: StackedMLP) -> None:
+    """Add a linear map to what every member does."""
+    stack.linear[0].copy_(start.weight.expand_as(stack.linear[0]))
+    stack.biases[-1].add_(start.bias)
 
 
 def evaluate_profiles(stack: StackedMLP, samples: Samples, loss: str) -> Float[Tensor, "sample member"]:

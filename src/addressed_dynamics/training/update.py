@@ -40,17 +40,20 @@ class StackTrainer:
             optimiser: how.
             total_updates: number of updates to come.
             dropout: share of the inputs of every layer that are set to 0 in an update.
-            weight_decay: share of the learning rate by which parameters shrink in an update.
+            weight_decay: share of the learning rate by which the layers' parameters shrink in an update.
             generator: which ones; of no use without dropout.
         """
         self.stack = stack
         self._loss = loss
         self._keep = 1.0 - dropout
         self._generator = generator
-        self._adam = FlatAdam(stack.parameters(), optimiser, total_updates, weight_decay=weight_decay)
+        self._adam = FlatAdam(
+            [*stack.weights, *stack.biases], optimiser, total_updates, weight_decay=weight_decay,
+            undecayed=stack.linear,
+        )  # fmt: skip
         layers = len(stack.weights)
-        self._weights, self._biases = self._adam.values[:layers], self._adam.values[layers:]
-        self._weight_gradients, self._bias_gradients = self._adam.gradients[:layers], self._adam.gradients[layers:]
+        self._weights, self._biases, self._linear = _by_use(self._adam.values, layers)
+        self._weight_gradients, self._bias_gradients, self._linear_gradients = _by_use(self._adam.gradients, layers)
 
     @torch.no_grad()
     def update(
@@ -85,7 +88,12 @@ class StackTrainer:
             if layer == shared:
                 hidden = hidden.expand(members, -1, -1)
             hidden = torch.baddbmm(bias, hidden, weights)
+        inputs = x.expand(members, -1, -1)
+        for weights in self._linear:
+            hidden = torch.baddbmm(hidden, inputs, weights)
         losses, derivative = self._loss(hidden, target, weight)
+        for gradient in self._linear_gradients:
+            torch.bmm(inputs.transpose(1, 2), derivative, out=gradient)
         for layer in range(len(self._weights) - 1, -1, -1):
             values, weights, mask = layer_inputs[layer], self._weights[layer], masks[layer]
             if layer >= shared:
@@ -133,6 +141,11 @@ class StackTrainer:
             return None
         kept = torch.rand(values.shape, generator=self._generator) < self._keep
         return kept.to(values.dtype).div_(self._keep)
+
+
+def _by_use(tensors: list[Tensor], layers: int) -> tuple[list[Tensor], list[Tensor], list[Tensor]]:
+    """Return what belongs to the weights, to the biases and to the linear part, of tensors in this order."""
+    return tensors[:layers], tensors[layers : 2 * layers], tensors[2 * layers :]
 
 
 def _tanh_(values: Tensor) -> Tensor:

@@ -23,6 +23,8 @@ class EnsembleParams(Section):
     hidden: Widths = (128, 128)
     """Widths of the hidden layers."""
     activation: Activation = "relu"
+    linear: bool = False
+    """Whether every network has a linear part beside its layers, which starts as the least-squares solution."""
     loss: Loss = "mae+mse"
     optimiser: OptimiserParams = OptimiserParams()
     batch_size: Count = 64
@@ -30,7 +32,8 @@ class EnsembleParams(Section):
     dropout: Dropout = 0.0
     """Share of every layer's inputs that are set to 0 in an update."""
     weight_decay: Annotated[float, Field(ge=0.0)] = 0.0
-    """Share of the learning rate by which every weight and bias shrinks in an update, beside what Adam does (AdamW)."""
+    """Share of the learning rate by which weights and biases shrink in an update, beside what Adam does (AdamW); those
+    of a linear part do not."""
     epochs: Count = 24
     early_stopping: Count | None = None
     """Epochs in a row without a lower validation loss that end the training; the networks are then those of the epoch
@@ -192,6 +195,7 @@ class RecipeChanges(Section):
             "optimiser": PAPER_OPTIMISER,
             "cluster_epochs": "all",
             "restart": False,
+            "linear": False,
             "weight_decay": 0.0,
             "early_stopping": None,
         },
