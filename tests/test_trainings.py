@@ -9,7 +9,7 @@ from learning import ENSEMBLE, drive
 
 from addressed_dynamics.episodes.transitions import Transitions
 from addressed_dynamics.features.transitions import kind
-from addressed_dynamics.sources.transitions.params import FeatureParams
+from addressed_dynamics.sources.transitions.params import ExperimentParams, FeatureParams
 from pipeline import trainings
 from pipeline.trainings import Stage, train_ensembles
 
@@ -37,7 +37,8 @@ def test_the_figures_of_a_training_count_what_is_too_short_for_the_history(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(kind, "load_transitions", load)
     monkeypatch.setattr(trainings.tracking, "run", run)
-    data = kind.load_training_data(tmp_path, None, FeatureParams(target="change", history=4))  # type: ignore[arg-type] # not used
+    sections = ExperimentParams.model_construct(ensemble=ENSEMBLE)
+    data = kind.load_training_data(tmp_path, sections, FeatureParams(target="change", history=4))
     train_ensembles(Stage("train_ensemble", "car", tmp_path / "params.yaml", 1), data, ENSEMBLE, {"ensemble": {}})
     found = json.loads((tmp_path / "data" / "figures" / "car" / "ensemble" / "ensemble.json").read_text())
     assert set(found) == {"seed-0", "dropped"}

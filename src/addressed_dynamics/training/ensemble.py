@@ -5,20 +5,21 @@ from itertools import islice
 from typing import Literal
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int64
 from torch import Tensor
 
 from addressed_dynamics.base.errors import TrainingError
 from addressed_dynamics.base.params.training import EnsembleParams
 from addressed_dynamics.base.torch_runtime import named_generator
 from addressed_dynamics.features.common.augmentation import Augment
+from addressed_dynamics.features.common.courses import Courses
 from addressed_dynamics.features.common.samples import Samples
 from addressed_dynamics.networks.ridge import Ridge, fit_ridge
 from addressed_dynamics.networks.stacked import StackedMLP, in_chunks
 from addressed_dynamics.training.checkpoints import Checkpoint
 from addressed_dynamics.training.clustering import assign_to_bins
 from addressed_dynamics.training.epochs import Batch, Epoch, Length, batches
-from addressed_dynamics.training.losses import REGRESSION_LOSSES, loss_profile, reported_loss
+from addressed_dynamics.training.losses import REGRESSION_LOSSES, loss_per_sample, loss_profile, reported_loss
 from addressed_dynamics.training.stopping import Stopping
 from addressed_dynamics.training.update import StackTrainer
 
@@ -52,9 +53,15 @@ def train_ensemble(
     With `params.restart` the epochs in which bins are made anew only find the bins: the networks then start again from
     their first weights and the learning rate from its peak, so that no network has ever seen what is not in its bin.
 
+    With `params.horizon` of H > 1 steps the loss is that of a member's own predictions, from a sample on, in the steps
+    that its episode has, at most `horizon`: 1 in the first epoch, H in the second half. A sample belongs, with all the
+    steps after it, to the bin of one member, and bins are made by losses over H steps from the first epoch on: that is
+    what a member is trained on, and in the loss of a single step the noise of sensors decides which is lowest. Metrics
+    are `horizon` and `loss/rollout` beside `loss/validation`: the same over H steps.
+
     With `params.early_stopping` the last epoch that is yielded, which may come before the epochs end, has the networks
-    and metrics of the epoch with the lowest `loss/validation` (after the restart, if there is one), and `epoch/kept`
-    says which that is.
+    and metrics of the epoch with the lowest `loss/validation`, or `loss/rollout` if there is one (after the restart, if
+    there is one), and `epoch/kept` says which that is.
 
     With `params.linear` every member begins with the linear map that ridge regression finds (the penalty is chosen on
     validation samples), to which its layers add.
@@ -66,7 +73,7 @@ def train_ensemble(
 
     Raises:
         TrainingError: there are fewer samples than members, `updates` are more than the epochs have or end before the
-            restart, or a loss is not finite.
+            restart, networks cannot go on from these samples but should, or a loss is not finite.
     """
     if len(train) < params.members or not len(validation):
         message = (
@@ -78,6 +85,7 @@ def train_ensemble(
     generator = named_generator(seed, "ensemble/batches")
     length = Length.of(len(train), members, params.batch_size, epochs=params.epochs, updates=updates)
     search = params.cluster_epochs if params.restart else 0
+    reported = reported_loss(params.loss)
     if length.epochs <= search:
         message = f"the networks start again after {search} epochs, but {updates} updates end before that: give more"
         raise TrainingError(message)
@@ -95,7 +103,8 @@ def train_ensemble(
             dropout=params.dropout, weight_decay=params.weight_decay, generator=generator,
         )  # fmt: skip
 
-    stopping = Stopping(length.epochs, params.early_stopping, "loss/validation", first=search + 1)
+    judged_by = "loss/rollout" if params.horizon > 1 else "loss/validation"
+    stopping = Stopping(length.epochs, params.early_stopping, judged_by, first=search + 1)
     bins = torch.randint(0, members, (len(train),), generator=named_generator(seed, "ensemble/random_bins"))
     history, state = checkpoint.load() if checkpoint else ([], {})
     trainer = begin(max(len(history), 1))
@@ -112,14 +121,18 @@ def train_ensemble(
             trainer = begin(epoch)
         stack, previous = trainer.stack, bins
         if binning != "random" and epoch <= params.cluster_epochs:
-            profiles = evaluate_profiles(stack, train, params.loss)
+            profiles = evaluate_profiles(stack, train, params.loss, params.horizon)
             bins = assign_to_bins(profiles) if binning == "equal" else profiles.argmin(dim=1)
         rate = trainer.learning_rate
         passed = islice(batches(bins, members, params.batch_size, generator), length.updates_in(epoch))
-        member_losses = _train_one_epoch(trainer, train, passed, generator, augment) * loss_unit
+        horizon = horizon_in(epoch - search, length.epochs - search, params.horizon)
+        member_losses = _train_one_epoch(trainer, train, passed, generator, augment, horizon) * loss_unit
         metrics = {"loss/train": float(member_losses.mean()), "learning_rate": rate}
         metrics |= {f"loss_member/{k}": float(loss) for k, loss in enumerate(member_losses)}
-        metrics |= specialisation(evaluate_profiles(stack, validation, reported_loss(params.loss)) * loss_unit)
+        metrics |= specialisation(evaluate_profiles(stack, validation, reported) * loss_unit)
+        if params.horizon > 1:
+            unrolled = evaluate_profiles(stack, validation, reported, params.horizon) * loss_unit
+            metrics |= {"horizon": float(horizon), "loss/rollout": float(unrolled.min(dim=1).values.double().mean())}
         metrics["bins/changed"] = float((bins != previous).double().mean()) if epoch > 1 else 1.0
         history.append(metrics)
         if params.early_stopping and stopping.kept(history) == epoch:
@@ -144,11 +157,44 @@ def _start_from(start: Ridge, stack: StackedMLP) -> None:
     stack.biases[-1].add_(start.bias)
 
 
-def evaluate_profiles(stack: StackedMLP, samples: Samples, loss: str) -> Float[Tensor, "sample member"]:
-    """Return the loss profile of every sample, in the unit of the normalised targets."""
+def evaluate_profiles(
+    stack: StackedMLP, samples: Samples, loss: str, horizon: int = 1
+) -> Float[Tensor, "sample member"]:
+    """Return the loss profile of every sample, in the unit of the normalised targets.
+
+    With a horizon of several steps, a loss is the mean over the steps from a sample that are known, `horizon` at most,
+    in which a member goes on from its own predictions.
+    """
     everything = torch.arange(len(samples))
+    if horizon > 1:
+        return in_chunks(lambda rows: _unrolled(stack, samples, rows, loss, horizon), everything, sample_dim=0)
     outputs = in_chunks(lambda rows: stack.forward_all(samples.x[rows]), everything, sample_dim=1)
     return loss_profile(outputs, samples.y, loss)
+
+
+def _unrolled(
+    stack: StackedMLP, samples: Samples, rows: Int64[Tensor, " sample"], loss: str, horizon: int
+) -> Float[Tensor, "sample member"]:
+    courses = _courses(samples)
+    known = courses.steps(rows).clamp(max=horizon)
+    output, target = courses.unroll(stack.forward_all, rows.expand(stack.members, -1), horizon)
+    each = loss_per_sample(output, target, loss)
+    return torch.where(torch.arange(horizon).unsqueeze(1) < known, each, 0.0).sum(dim=1).T / known.unsqueeze(1)
+
+
+def _courses(samples: Samples) -> Courses:
+    """Return how it goes on after samples.
+
+    Raises:
+        TrainingError: nobody knows.
+    """
+    if samples.courses is None:
+        message = (
+            "ensemble.horizon asks for several steps of a network's own predictions, but networks cannot go on from "
+            "these samples; set it to 1"
+        )
+        raise TrainingError(message)
+    return samples.courses
 
 
 def specialisation(profiles: Float[Tensor, "sample member"]) -> dict[str, float]:
@@ -165,6 +211,17 @@ def specialisation(profiles: Float[Tensor, "sample member"]) -> dict[str, float]
     return metrics
 
 
+def horizon_in(epoch: int, epochs: int, horizon: int) -> int:
+    """Return the steps in a row that networks are trained on in an epoch: from 1, by as much in each, to all at half.
+
+    Args:
+        epoch: number of the epoch, from 1; before, there is one step.
+        epochs: how many there are.
+        horizon: the most steps.
+    """
+    return max(1, min(horizon, 1 + 2 * (epoch - 1) * horizon // max(epochs, 1)))
+
+
 def _ended(
     history: list[dict[str, float]], length: Length, stopping: Stopping, trainer: StackTrainer, kept: Tensor
 ) -> Epoch:
@@ -177,17 +234,25 @@ def _ended(
 
 
 def _train_one_epoch(
-    trainer: StackTrainer, train: Samples, passed: Iterable[Batch], generator: torch.Generator, augment: Augment | None
+    trainer: StackTrainer,
+    train: Samples,
+    passed: Iterable[Batch],
+    generator: torch.Generator,
+    augment: Augment | None,
+    horizon: int,
 ) -> Float[Tensor, " member"]:
     """Train every member on its batches; return each member's mean loss over the updates, as it is reported."""
     total = torch.zeros(trainer.stack.members, dtype=torch.float64)
     updates = 0
     for batch in passed:
+        updates += 1
+        if horizon > 1:
+            total += trainer.update_unrolled(_courses(train), batch.rows, batch.weight, horizon)
+            continue
         x, y = train.x[batch.rows], train.y[batch.rows]
         if augment is not None:
             x, y = augment(x, y, generator)
         total += trainer.update(x, y, batch.weight)
-        updates += 1
     if not torch.isfinite(total).all():
         message = "the training loss is not finite any more: lower ensemble.optimiser.learning_rate"
         raise TrainingError(message)

@@ -93,6 +93,13 @@ def loss_profile(
     output: Float[Tensor, "member sample output"], target: Float[Tensor, "sample output"], loss: str
 ) -> Float[Tensor, "sample member"]:
     """Return each sample's loss under each member: its loss profile (the paper, Section 2)."""
+    return loss_per_sample(output, target, loss).T.contiguous()
+
+
+def loss_per_sample(
+    output: Float[Tensor, "*batch output"], target: Float[Tensor, "*batch output"], loss: str
+) -> Float[Tensor, "*batch"]:
+    """Return the mean loss over dimensions."""
     error = output - target
     each = {"mse": error.square(), "mae": error.abs(), "mae+mse": error.square() + error.abs()}[loss]
-    return each.mean(dim=-1).T.contiguous()
+    return each.mean(dim=-1)

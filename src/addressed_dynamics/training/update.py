@@ -6,10 +6,11 @@ Hand-written because autograd's bookkeeping costs more than the arithmetic at th
 from collections.abc import Callable
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int64
 from torch import Tensor, nn
 
 from addressed_dynamics.base.params.sections import OptimiserParams
+from addressed_dynamics.features.common.courses import Courses
 from addressed_dynamics.networks.stacked import Activation, StackedMLP
 from addressed_dynamics.training.adam import FlatAdam
 from addressed_dynamics.training.losses import MemberLoss
@@ -65,6 +66,42 @@ class StackTrainer:
         """
         losses = self.gradients(x, target, weight)
         self._adam.step()
+        return losses
+
+    def update_unrolled(
+        self,
+        courses: Courses,
+        samples: Int64[Tensor, "member sample"],
+        weight: Float[Tensor, "member sample"],
+        horizon: int,
+    ) -> Float[Tensor, " member"]:
+        """Train every member on what its own predictions lead to; return the members' losses before the update.
+
+        The loss of a sample is the mean over the steps from it that are known, `horizon` at most. Gradients are
+        autograd's, through all steps. Nothing is dropped out.
+        """
+        losses = self.gradients_unrolled(courses, samples, weight, horizon)
+        self._adam.step()
+        return losses
+
+    def gradients_unrolled(
+        self,
+        courses: Courses,
+        samples: Int64[Tensor, "member sample"],
+        weight: Float[Tensor, "member sample"],
+        horizon: int,
+    ) -> Float[Tensor, " member"]:
+        """Compute the gradient of the summed loss of `update_unrolled`; return the members' losses."""
+        parameters = [*self.stack.weights, *self.stack.biases, *self.stack.linear]
+        known = courses.steps(samples).clamp(max=horizon).unsqueeze(1)
+        share = (weight.unsqueeze(1) * (torch.arange(horizon).unsqueeze(1) < known) / known).flatten(1, 2)
+        with torch.enable_grad():
+            output, target = (each.flatten(1, 2) for each in courses.unroll(self.stack.forward_all, samples, horizon))
+            losses, derivative = self._loss(output.detach(), target.detach(), share)
+            # What is right depends on the states before it, and so on the weights; a loss depends on the difference.
+            computed = torch.autograd.grad(output - target, parameters, derivative)
+        for place, gradient in zip(self._adam.gradients, computed, strict=True):
+            place.copy_(gradient)
         return losses
 
     @torch.no_grad()

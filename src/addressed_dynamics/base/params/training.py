@@ -38,6 +38,9 @@ class EnsembleParams(Section):
     early_stopping: Count | None = None
     """Epochs in a row without a lower validation loss that end the training; the networks are then those of the epoch
     with the lowest. null: trained to the end, and kept as they are then."""
+    horizon: Count = 1
+    """Steps in a row of a network's own predictions whose mean loss it is trained on: one in the first epochs, all of
+    them in the second half."""
     cluster_epochs: Count = 3
     """Bins are made anew in the first so many epochs and kept after that; `all` of them is the paper's way."""
     restart: bool = False
@@ -57,6 +60,13 @@ class EnsembleParams(Section):
                 f"with restart, cluster_epochs should be below epochs, or nothing is trained after it, but they are "
                 f"{self.cluster_epochs} and {self.epochs}"
             )
+            raise ValueError(message)
+        return self
+
+    @model_validator(mode="after")
+    def _drops_nothing_on_the_way(self) -> EnsembleParams:
+        if self.horizon > 1 and self.dropout:
+            message = f"with a horizon of {self.horizon} steps dropout should be 0, but it is {self.dropout:g}"
             raise ValueError(message)
         return self
 
@@ -198,6 +208,7 @@ class RecipeChanges(Section):
             "linear": False,
             "weight_decay": 0.0,
             "early_stopping": None,
+            "horizon": 1,
         },
         "addressing": {"optimiser": PAPER_OPTIMISER, "variants": ["plain"], "deliver": "plain"},
     }

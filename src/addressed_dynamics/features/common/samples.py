@@ -10,6 +10,7 @@ from jaxtyping import Float, Int64
 from torch import Tensor
 
 from addressed_dynamics.base.errors import TransitionsError
+from addressed_dynamics.features.common.courses import Courses
 
 
 @dataclass(frozen=True)
@@ -76,6 +77,8 @@ class Samples:
     """The episode the sample was taken from."""
     step: Int64[Tensor, " sample"]
     """The step in that episode."""
+    courses: Courses | None = None
+    """How it goes on after each sample; None if nobody asked, or networks cannot go on from what they predict."""
 
     def __post_init__(self) -> None:
         lengths = {len(self.x), len(self.y), len(self.episode), len(self.step)}
@@ -89,6 +92,11 @@ class Samples:
 
     def __len__(self) -> int:
         return len(self.x)
+
+    def first(self, rows: int) -> "Samples":
+        """Return the first samples, at most `rows` of them."""
+        part = slice(rows)
+        return Samples(self.x[part], self.y[part], self.episode[part], self.step[part], self.courses)
 
     def fingerprint(self) -> str:
         """Return a hash of the inputs and targets, to tell whether a checkpoint belongs to them."""

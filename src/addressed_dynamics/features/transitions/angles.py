@@ -7,6 +7,22 @@ from jaxtyping import Float
 from torch import Tensor
 
 
+def angle_of(
+    cosine: Float[Tensor, "*batch"], sine: Float[Tensor, "*batch"], *, weighted: bool
+) -> Float[Tensor, "*batch"]:
+    """Return the angle of a predicted cosine and sine, in rad in [-pi, pi]: by `weighted_angle`, or by atan2.
+
+    The derivative is that of atan2 in both cases: that of the weighted mean is infinite at the ends of arccosine and
+    arcsine, through which every turn goes.
+    """
+    if not weighted:
+        return torch.atan2(sine, cosine)
+    if not (torch.is_grad_enabled() and (cosine.requires_grad or sine.requires_grad)):
+        return weighted_angle(cosine, sine)
+    smooth = torch.atan2(sine, cosine)
+    return smooth + (weighted_angle(cosine.detach(), sine.detach()) - smooth.detach())
+
+
 def weighted_angle(cosine: Float[Tensor, "*batch"], sine: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
     """Return the angle of a predicted cosine and sine, in rad in [-pi, pi], as a weighted mean of arccos and arcsin.
 

@@ -16,10 +16,10 @@ PHASE_FEATURES = None
 
 def load_training_data(
     tables: Path,
-    sections: ExperimentParams,  # noqa: ARG001 - transitions are trained on as they are
+    sections: ExperimentParams,
     features: FeatureParams | FeatureSpec,
     *,
-    augmented: bool = True,  # noqa: ARG001 - likewise
+    augmented: bool = True,  # noqa: ARG001 - transitions are trained on as they are
 ) -> TrainingData[FeatureSpec]:
     """Read the training and validation samples in `tables`, with features to be fitted or those of a model."""
     train = load_transitions(tables, split="train")
@@ -29,6 +29,6 @@ def load_training_data(
         split: shorter_episodes(part, spec.history)
         for split, part in {"train": train, "validation": validation}.items()
     }
-    return TrainingData(
-        spec, spec.samples(train), spec.samples(validation), dropped=dropped, persistence=spec.persistence
-    )
+    courses = sections.ensemble.horizon > 1
+    on_train, on_validation = (spec.samples(part, courses=courses) for part in (train, validation))
+    return TrainingData(spec, on_train, on_validation, dropped=dropped, persistence=spec.persistence)

@@ -18,8 +18,9 @@ from addressed_dynamics.base.errors import ModelError, TransitionsError
 from addressed_dynamics.episodes.bounds import meant_bounds
 from addressed_dynamics.episodes.transitions import Dimension, DiscreteAction, SpaceSpec, Transitions
 from addressed_dynamics.features.common.samples import Samples, Windows
-from addressed_dynamics.features.transitions.angles import velocity_from_angles, weighted_angle
-from addressed_dynamics.features.transitions.windows import check_lengths, window_rows
+from addressed_dynamics.features.transitions.angles import angle_of, velocity_from_angles
+from addressed_dynamics.features.transitions.courses import TransitionCourses
+from addressed_dynamics.features.transitions.windows import check_lengths, last_rows, window_rows
 from addressed_dynamics.sources.transitions.params import AngleParams, FeatureParams
 
 DEVIATION_FLOOR = 1e-6
@@ -175,20 +176,20 @@ class FeatureSpec:
             raise ModelError(message)
         return exogenous.to(torch.float32)
 
-    def join(self, frames: Float[Tensor, "sample ..."]) -> Float[Tensor, "sample input"]:
-        """Return the inputs of a network from normalised frames, (B, H, n), oldest first, or (B, n) if H is 1."""
-        return frames if self.history == 1 else (frames * self._frame_weights).flatten(start_dim=1)
+    def join(self, frames: Float[Tensor, "*batch frame"]) -> Float[Tensor, "*batch input"]:
+        """Return the inputs of a network from normalised frames, (*batch, H, n), oldest first, or (*batch, n)."""
+        return frames if self.history == 1 else (frames * self._frame_weights).flatten(start_dim=-2)
 
     def encode_target(
-        self, observation: Float[Tensor, "sample observation"], next_observation: Float[Tensor, "sample observation"]
-    ) -> Float[Tensor, "sample output"]:
+        self, observation: Float[Tensor, "*batch observation"], next_observation: Float[Tensor, "*batch observation"]
+    ) -> Float[Tensor, "*batch output"]:
         """Return the normalised targets for states and the states that follow them."""
         target = next_observation - observation if self.target == "change" else next_observation
-        scaled = target[:, self.predicted] / self.target_scale
+        scaled = target[..., self.predicted] / self.target_scale
         return (scaled - torch.tensor(self.target_mean)) / self.target_deviation
 
     def decode(
-        self, output: Float[Tensor, "*member sample output"], observation: Float[Tensor, "sample observation"]
+        self, output: Float[Tensor, "*member sample output"], observation: Float[Tensor, "*member sample observation"]
     ) -> Float[Tensor, "*member sample observation"]:
         """Return the next states that outputs of a network mean, in the environment's units.
 
@@ -197,11 +198,11 @@ class FeatureSpec:
 
         Args:
             output: what a network says.
-            observation: the states before the step: of a history, the last frame.
+            observation: the states before the step: of a history, the last frame; each member's own, or one for all.
         """
         target = (output * self.target_deviation + torch.tensor(self.target_mean)) * self.target_scale
         if self.target == "change":
-            target = target + observation[:, self.predicted]
+            target = target + observation[..., self.predicted]
         if not self.angles:
             return target
         columns = dict(zip(self.predicted, target.unbind(dim=-1), strict=True))
@@ -209,10 +210,22 @@ class FeatureSpec:
             columns |= self._turned(angle, columns, observation)
         return torch.stack([columns[index] for index in range(len(self.spaces.observation))], dim=-1)
 
-    def samples(self, transitions: Transitions) -> Samples:
+    def with_states(
+        self, frames: Float[Tensor, "*batch frame"], observation: Float[Tensor, "*batch observation"]
+    ) -> Float[Tensor, "*batch frame"]:
+        """Return normalised frames with other states (in the environment's units) in the place of theirs."""
+        states = observation.shape[-1]
+        mean, deviation = torch.tensor(self.input_mean[:states]), torch.tensor(self.input_deviation[:states])
+        return torch.cat([(observation - mean) / deviation, frames[..., states:]], dim=-1)
+
+    def samples(self, transitions: Transitions, *, courses: bool = False) -> Samples:
         """Return the samples of `transitions`, in their order.
 
         There is one for each row that has H - 1 rows of its own episode before it.
+
+        Args:
+            transitions: what to take them from.
+            courses: whether networks are to go on from what they predict.
 
         Raises:
             ModelError: the transitions are of other spaces.
@@ -225,11 +238,14 @@ class FeatureSpec:
         observation, action = torch.from_numpy(transitions.observation), torch.from_numpy(transitions.action)
         rows = torch.from_numpy(window_rows(transitions, self.history))
         frames = self._frames(observation, action, torch.from_numpy(transitions.exogenous))
+        following = torch.from_numpy(transitions.next_observation)
+        last = torch.from_numpy(last_rows(transitions))[rows] if courses else rows
         return Samples(
             x=frames[rows] if self.history == 1 else Windows(frames.contiguous(), rows, self._frame_weights),
-            y=self.encode_target(observation[rows], torch.from_numpy(transitions.next_observation)[rows]),
+            y=self.encode_target(observation[rows], following[rows]),
             episode=torch.from_numpy(transitions.episode)[rows],
             step=torch.from_numpy(transitions.step.astype(np.int64))[rows],
+            courses=TransitionCourses(self, frames, observation, following, rows, last) if courses else None,
         )
 
     def angle(self, angle: Angle, observation: Float[Tensor, "*batch observation"]) -> Float[Tensor, "*batch"]:
@@ -345,8 +361,7 @@ class FeatureSpec:
         """Return the columns of the next state that belong to an angle: on the unit circle, velocity in its bounds."""
         names = self.spaces.observation_names
         cosine, sine = names.index(angle.cosine), names.index(angle.sine)
-        turn = weighted_angle if self.angle_from == "weighted" else _atan2
-        after = turn(columns[cosine], columns[sine])
+        after = angle_of(columns[cosine], columns[sine], weighted=self.angle_from == "weighted")
         turned = {cosine: after.cos(), sine: after.sin()}
         if angle.velocity is None:
             return turned
@@ -447,10 +462,6 @@ def _check_angles(spaces: SpaceSpec, angles: tuple[Angle, ...]) -> None:
                 )
                 raise TransitionsError(message)
             dimensions.add(name)
-
-
-def _atan2(cosine: Float[Tensor, "*batch"], sine: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
-    return torch.atan2(sine, cosine)
 
 
 def _action_columns(

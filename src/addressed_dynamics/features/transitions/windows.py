@@ -18,6 +18,14 @@ def window_rows(transitions: Transitions, history: int) -> Int64[np.ndarray, " s
     return np.flatnonzero(place >= history - 1).astype(np.int64)
 
 
+def last_rows(transitions: Transitions) -> Int64[np.ndarray, " row"]:
+    """Return for each row the last row of its episode."""
+    last = np.empty(len(transitions), dtype=np.int64)
+    for rows in transitions.episode_slices():
+        last[rows] = rows.stop - 1
+    return last
+
+
 def shorter_episodes(transitions: Transitions, length: int) -> Dropped:
     """Count the episodes that have fewer rows than `length`, and these rows."""
     lengths = [rows.stop - rows.start for rows in transitions.episode_slices()]

@@ -126,6 +126,8 @@ class MotionEnsembleParams(EnsembleParams):
     dropout: Dropout = 0.1
     epochs: Count = 32
     cluster_epochs: Count = 12
+    horizon: Literal[1] = 1
+    """Networks of motion are trained on single frames."""
 
 
 class _MotionAddressing(AddressingTraining):
