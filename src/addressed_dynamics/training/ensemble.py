@@ -55,9 +55,10 @@ def train_ensemble(
 
     With `params.horizon` of H > 1 steps the loss is that of a member's own predictions, from a sample on, in the steps
     that its episode has, at most `horizon`: 1 in the first epoch, H in the second half. A sample belongs, with all the
-    steps after it, to the bin of one member, and bins are made by losses over H steps from the first epoch on: that is
-    what a member is trained on, and in the loss of a single step the noise of sensors decides which is lowest. Metrics
-    are `horizon` and `loss/rollout` beside `loss/validation`: the same over H steps.
+    steps after it, to the bin of one member, and bins are made by the loss of its first step alone: for that step it is
+    addressed, and a choice by what happens in H steps is one that its input tells even less about (measured:
+    docs/decisions/0016-small-data.md). Metrics are `horizon` and `loss/rollout` beside `loss/validation`: the same over
+    H steps.
 
     With `params.early_stopping` the last epoch that is yielded, which may come before the epochs end, has the networks
     and metrics of the epoch with the lowest `loss/validation`, or `loss/rollout` if there is one (after the restart, if
@@ -81,6 +82,8 @@ def train_ensemble(
             f"but has {len(train)} and {len(validation)}: record more episodes"
         )
         raise TrainingError(message)
+    if params.horizon > 1:
+        _courses(train)
     members = params.members
     generator = named_generator(seed, "ensemble/batches")
     length = Length.of(len(train), members, params.batch_size, epochs=params.epochs, updates=updates)
@@ -121,7 +124,7 @@ def train_ensemble(
             trainer = begin(epoch)
         stack, previous = trainer.stack, bins
         if binning != "random" and epoch <= params.cluster_epochs:
-            profiles = evaluate_profiles(stack, train, params.loss, params.horizon)
+            profiles = evaluate_profiles(stack, train, params.loss)
             bins = assign_to_bins(profiles) if binning == "equal" else profiles.argmin(dim=1)
         rate = trainer.learning_rate
         passed = islice(batches(bins, members, params.batch_size, generator), length.updates_in(epoch))
