@@ -27,7 +27,12 @@ MAPPINGS = ("experiments", "recorded", "imported")
 FEW, LONG = 10, 500
 """Fewer episodes than these, one of which has more steps than those, are split in blocks in time."""
 SMALL = 50_000
-"""Fewer transitions than these are seen more often in training, by smaller networks."""
+"""Fewer transitions than these are seen more often in training, by smaller networks, and through rollouts."""
+SMALL_ENSEMBLE = (
+    "hidden: 32-32", "activation: tanh", "linear: true", "loss: mae", "optimiser: {learning_rate: 0.003}",
+    "batch_size: 128", "weight_decay: 0.1", "epochs: 40", "early_stopping: 15", "horizon: 4", "cluster_epochs: 5",
+)  # fmt: skip
+"""How an ensemble is trained on so few."""
 
 _SOURCE: TypeAdapter[Any] = TypeAdapter(SourceParams)
 
@@ -168,7 +173,8 @@ def _section_lines(name: str, origin: Iterable[str], lengths: Sequence[int]) -> 
     yield "convert: {split: blocks} # in time, for there are few episodes" if few else "convert: {}"
     yield "features: {}"
     if sum(lengths) < SMALL:
-        yield "ensemble: {hidden: 32-32, activation: tanh, epochs: 60, cluster_epochs: 10}"
+        yield "ensemble: # for few and noisy data: docs/decisions/0017-small-data.md"
+        yield from (f"  {line}" for line in SMALL_ENSEMBLE)
         yield "addressing: {hidden: 64-64, epochs: 30}"
         yield "baselines: {addressing: {hidden: 64-64}}"
     else:

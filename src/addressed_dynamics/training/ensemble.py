@@ -57,7 +57,7 @@ def train_ensemble(
     that its episode has, at most `horizon`: 1 in the first epoch, H in the second half. A sample belongs, with all the
     steps after it, to the bin of one member, and bins are made by the loss of its first step alone: for that step it is
     addressed, and a choice by what happens in H steps is one that its input tells even less about (measured:
-    docs/decisions/0016-small-data.md). Metrics are `horizon` and `loss/rollout` beside `loss/validation`: the same over
+    docs/decisions/0017-small-data.md). Metrics are `horizon` and `loss/rollout` beside `loss/validation`: the same over
     H steps.
 
     With `params.early_stopping` the last epoch that is yielded, which may come before the epochs end, has the networks
