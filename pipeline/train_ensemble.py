@@ -16,7 +16,8 @@ def main(call: Call) -> str:
     stage = Stage("train_ensemble", call.experiment, call.params_file, training_processes())
     results = train_ensembles(stage, data, sections.ensemble, recipe)
     loss = median_of(results, "loss/validation")
-    return f"validation loss {loss} after {sections.ensemble.epochs} epochs; {figures_dir(call.experiment, 'ensemble')}"
+    epochs = f"{'at most ' if sections.ensemble.early_stopping else ''}{sections.ensemble.epochs} epochs"
+    return f"validation loss {loss} after {epochs}; {figures_dir(call.experiment, 'ensemble')}"
 
 
 if __name__ == "__main__":
