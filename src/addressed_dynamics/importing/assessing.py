@@ -18,7 +18,8 @@ from addressed_dynamics.importing.judging import (
     judge_episodes,
     stretches,
 )
-from addressed_dynamics.importing.samples import find_episodes
+from addressed_dynamics.importing.precision import Precision
+from addressed_dynamics.importing.samples import find_episodes, out_of_range
 
 MOST_SAMPLES = 200_000
 """Samples that delays and noise are judged on at most: those that come first."""
@@ -58,6 +59,7 @@ def assess(source: SourceParams) -> Assessment:
     signals = wanted_signals(source)
     step_seconds = signals.spec.step_seconds
     episodes, kept, counts, warnings = list[EpisodeJudgement](), list[Stretch](), dict[str, int](), list[str]()
+    precision = Precision(signals)
     for origin, samples in read_samples(source, signals):
         found = find_episodes(samples.follows, source.min_length)
         episodes += judge_episodes(
@@ -65,8 +67,11 @@ def assess(source: SourceParams) -> Assessment:
         )
         if sum(len(each.states) for each in kept) < MOST_SAMPLES:
             kept += stretches(samples, found, signals)
-        for name, count in samples.counts.items():
+        outside = sum(out_of_range(samples.values, signals.spec).values())
+        lost = sum(precision.look_at(samples, origin).values())
+        for name, count in (samples.counts | {"out_of_range": outside, "swallowed": lost}).items():
             counts[name] = counts.get(name, 0) + count
         warnings += [f"{origin}: {warning}" for warning in samples.details.get("warnings", [])]
+    warnings += precision.refusals()
     excitations, delays, noises = judge_all(kept, signals) if kept else ([], [], [])
     return Assessment(tuple(episodes), tuple(excitations), tuple(delays), tuple(noises), counts, tuple(warnings))
