@@ -97,3 +97,45 @@ def test_an_experiment_that_is_not_there_cannot_be_removed(tmp_path: Path) -> No
     path.write_text("experiments: {}\n")
     with pytest.raises(ParamsError, match="there is no experiment 'arm' in it"):
         remove_experiment(path, "arm", LISTS)
+
+
+def test_line_ends_of_windows_links_and_permissions_stay(tmp_path: Path) -> None:
+    path, link = tmp_path / "real.yaml", tmp_path / "params.yaml"
+    before = b"experiments: {}\r\nimported: {}\r\n"
+    path.write_bytes(before)
+    path.chmod(0o640)
+    link.symlink_to(path)
+    add(link)
+    assert link.is_symlink()
+    assert path.stat().st_mode & 0o777 == 0o640
+    assert path.read_bytes().count(b"\r\n") == path.read_bytes().count(b"\n") > 2
+    remove_experiment(link, "arm", LISTS)
+    assert path.read_bytes() == before
+
+
+def test_a_section_in_which_somebody_put_a_comment_at_the_margin_is_removed_whole(tmp_path: Path) -> None:
+    path = tmp_path / "params.yaml"
+    before = "experiments: {}\nimported: {}\n"
+    path.write_text(before)
+    add(path)
+    path.write_text(path.read_text().replace("  convert", "# mine\n\n  convert") + "\n# about a\na: {}\n")
+    remove_experiment(path, "arm", LISTS)
+    assert path.read_text() == before + "\n# about a\na: {}\n"
+
+
+def test_what_is_no_experiment_is_not_removed_and_nobody_is_told_to(tmp_path: Path) -> None:
+    path = tmp_path / "params.yaml"
+    path.write_text("experiments: {}\nimported: {}\n")
+    with pytest.raises(ParamsError, match=r"a 'experiments' in it already; give another name$"):
+        add(path, "experiments")
+    with pytest.raises(ParamsError, match="there is no experiment 'imported' in it"):
+        remove_experiment(path, "imported", LISTS, of_anybody=True)
+
+
+def test_a_file_that_must_not_be_written_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "params.yaml"
+    path.write_text("experiments: {}\nimported: {}\n")
+    monkeypatch.setattr("os.access", lambda *_: False)
+    with pytest.raises(ParamsError, match=r"cannot be written \(Permission denied\); nothing was changed"):
+        add(path)
+    assert path.read_text() == "experiments: {}\nimported: {}\n"

@@ -113,7 +113,13 @@ def test_a_file_without_chunks_and_one_without_messages_are_whole(tmp_path: Path
 
 @pytest.mark.parametrize(
     ("content", "message"),
-    [(b"", "the file is empty"), (b"hello\n", "byte 0 should begin an MCAP log"), (b"\x89MCAP", "byte 0 should begin")],
+    [
+        (b"", "the file is empty"),
+        (b"hello\n", "byte 0 should begin an MCAP log"),
+        (b"\x89MCAP", "byte 0 should begin"),
+        (b"\x28\xb5\x2f\xfd log", "this is a compressed file, not an MCAP log; undo it with 'zstd -d some.mcap'"),
+        (b"\x1f\x8b log", "this is a compressed file, not an MCAP log; undo it with 'gunzip some.mcap'"),
+    ],
 )
 def test_what_is_no_log_is_a_problem(tmp_path: Path, content: bytes, message: str) -> None:
     path = tmp_path / "some.mcap"

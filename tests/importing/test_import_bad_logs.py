@@ -256,3 +256,16 @@ def test_ten_thousand_damaged_files_are_refused_or_read_as_they_were_in_little_m
         assert found is None or found == expected[encoding]
     assert refused > 5_000
     assert peak_memory() - before < 64 * 2**20
+
+
+def test_what_is_said_of_a_topic_that_no_field_is_of_is_refused(tmp_path: Path) -> None:
+    message = refusal(save(tmp_path, a=GOOD["json"]), topics={"cmd": {"hold": True}})
+    assert "'cmd' is the topic of no field" in message
+    assert "the topics of the fields are: /cmd, /joint_states" in message
+
+
+def test_a_whole_number_that_float64_cannot_hold_is_refused(tmp_path: Path) -> None:
+    messages = [(topic, at, {"torque": 2**60} if topic == "/cmd" else each) for topic, at, each in MESSAGES]
+    message = refusal(save(tmp_path, a=json_log(messages)))
+    assert "message 0 of topic /cmd" in message
+    assert f"{2**60} has more digits than float64 holds; record how far it is from a fixed number" in message

@@ -151,3 +151,32 @@ def test_labels_are_told_apart_as_numbers_if_all_are_and_else_as_texts() -> None
     assert lengths(imported(episode={"by": "column", "column": "e"})) == [2, 1]
     Path("a.csv").write_text("q,u,e\n0,0,1e5\n1,1,1e5\n2,2,100000\n3,3,100000\n4,4,x\n5,5,x\n")
     assert lengths(imported(episode={"by": "column", "column": "e"})) == [1, 1, 1]
+
+
+def test_empty_lines_are_no_rows_but_rows_without_values_are() -> None:
+    rows = [f"{i},{i % 3}" for i in range(6)]
+    Path("a.csv").write_text("\n\nq,u\n" + "\n\n".join(rows[:3]) + "\n,\n" + "\n\n".join(rows[3:]) + "\n\n")
+    assert lengths(imported()) == [2, 2]
+    assert (account()["totals"]["rows"], account()["totals"]["not_finite"]) == (7, 1)
+    Path("a.csv").write_text("q,u\n1,2\n\n\nabc,2\n")
+    assert "a.csv: line 5, column 'q': 'abc' is not a number" in refusal()
+
+
+def test_line_ends_that_a_program_wrote_twice_are_one() -> None:
+    Path("a.csv").write_bytes(b"q,u\r\r\n" + b"".join(b"%d,%d\r\r\n" % (i, i % 3) for i in range(6)))
+    assert lengths(imported()) == [5]
+    assert account()["totals"]["not_finite"] == 0
+
+
+def test_a_row_without_a_label_is_dropped_and_cuts_its_episode() -> None:
+    labels = [0, 0, 0, "", 0, 0, 1, 1]
+    Path("a.csv").write_text("q,u,e\n" + "".join(f"{i},{i % 3},{label}\n" for i, label in enumerate(labels)))
+    assert lengths(imported(episode={"by": "column", "column": "e"})) == [2, 1, 1]
+    assert account()["totals"]["not_finite"] == 1
+
+
+@pytest.mark.parametrize("value", [2**53, -(2**60) - 1, 2**63 + 5])
+def test_a_whole_number_that_float64_cannot_hold_is_refused(value: int) -> None:
+    Path("a.csv").write_text("q,u\n" + "".join(f"{i if i < 3 else value + i},{i % 3}\n" for i in range(20)))
+    message = refusal(observation={"q": {"field": "q", "offset": float(value)}})
+    assert message.startswith(f"a.csv: line 5, column 'q': {value + 3} has more digits than float64 holds; record")

@@ -4,10 +4,11 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import polars
 import pytest
 from bags import encoded, write_bag
-from foreign_logs import SECOND, json_log, protobuf_log, ros2_log, states_and_commands
+from foreign_logs import SECOND, json_log, protobuf_log, ros2_log, source, states_and_commands
 from lerobot_data import frames, write_v3
 from rosbags.rosbag2 import StoragePlugin
 
@@ -19,6 +20,7 @@ from addressed_dynamics.importing.finding import find_logs
 from addressed_dynamics.importing.looking import MOST_VALUES, Look
 from addressed_dynamics.importing.looking_at import look_at
 from addressed_dynamics.importing.proposing import Proposal, Wishes, propose
+from addressed_dynamics.reporting.transitions.quality import COUNTERS
 from addressed_dynamics.sources.transitions.reading import read_transitions
 
 
@@ -116,9 +118,9 @@ def test_a_proposal_is_imported_as_it_is_with_what_was_guessed_said() -> None:
     assert proposal.source["topics"] == {"/arm/cmd_torque": {"tolerance_s": 0.3}}
     assert [line.split(":")[0] for line in proposal.guessed] == ["action", "observation", "rate", "episodes"]
     assert proposal.notes["elbow"] == "0 to 6, 20 Hz"
-    source = source_params(proposal.source)
-    import_logs(source, Path("out"), name="arm", progress=lambda _: None)
-    assert len(read_transitions(Path("out"))) == assess(source).transitions == 49
+    section = source_params(proposal.source)
+    import_logs(section, Path("out"), name="arm", progress=lambda _: None)
+    assert len(read_transitions(Path("out"))) == assess(section).transitions == 49
 
 
 def test_what_is_wished_for_is_taken_and_named() -> None:
@@ -213,7 +215,7 @@ def test_how_a_table_is_written_is_found_out(header: str, row: Any, expected: di
 def test_where_no_state_moves_it_has_to_be_said(cell: str) -> None:
     Path("a.csv").write_text("t,q,torque\n" + "".join(f"{i / 10},{cell},{i % 3}\n" for i in range(40)))
     found = find_logs([Path("a.csv")])
-    assert propose(look_at(found), found.patterns, Wishes()).unknown == ("observation", "rate")
+    assert propose(look_at(found), found.patterns, Wishes()).unknown == ("observation",)
 
 
 def test_a_table_whose_names_are_in_another_encoding_is_refused() -> None:
@@ -278,3 +280,79 @@ def test_all_names_that_several_programs_write_are_shown_and_fields_that_never_c
         assess(source_params(proposal.source))
     alone = proposed(look, observation=("/j.position[a]",))
     assert assess(source_params(alone.source)).transitions > 20
+
+
+def test_tables_without_a_state_are_no_reason_to_fail() -> None:
+    polars.DataFrame({"t": [i / 20 for i in range(60)], "u": [i % 3 for i in range(60)], "n": range(60)}).write_csv(
+        "a.csv"
+    )
+    proposal = propose(look_at(find_logs([Path("a.csv")])), ["a.csv"], Wishes())
+    assert proposal.unknown == ("observation",)
+    assert proposal.source["rate_hz"] == 20.0
+
+
+def test_values_that_float32_cannot_tell_apart_get_an_offset() -> None:
+    index = np.arange(400)
+    north = 5_301_234.0 + 0.01 * (index * index % 97)
+    polars.DataFrame({"north": north, "small": np.sin(index), "u": index % 3}).write_csv("a.csv")
+    proposal = propose(look_at(find_logs([Path("a.csv")])), ["a.csv"], Wishes(rate_hz=20.0))
+    assert proposal.source["observation"] == {
+        "north": {"field": "north", "offset": 5301234.0},
+        "small": {"field": "small"},
+    }
+    assert "offset of north: 5301234, without which float32 cannot hold its steps" in proposal.guessed
+    assert assess(source_params(proposal.source)).warnings == ()
+
+
+def test_what_an_import_would_refuse_or_count_is_told_before_it() -> None:
+    index = np.arange(400)
+    polars.DataFrame({"q": 5_301_234.0 + 0.01 * index, "u": index % 3}).write_csv("a.csv")
+    section = {"kind": "csv", "files": "a.csv", "observation": {"q": {"field": "q", "high": 5_301_235.0}},
+               "action": {"continuous": {"u": {"field": "u"}}}, "reward": None, "rate_hz": 20.0,
+               "episode": {"by": "file"}, "min_length": 20}  # fmt: skip
+    assessment = assess(source_params(section))
+    assert (assessment.counts["swallowed"], assessment.counts["out_of_range"]) == (391, 299)
+    (warning,) = assessment.warnings
+    assert warning.startswith("a.csv: float32 cannot hold 'observation.q'")
+
+
+def test_the_rate_of_jittering_messages_is_the_one_they_were_sent_at() -> None:
+    rng = np.random.default_rng(1)
+    times = (100 + (np.arange(400) + rng.uniform(-0.3, 0.3, 400)) / 20) * SECOND
+    messages = [("/q", int(at), {"x": i % 7}) for i, at in enumerate(times)]
+    (found,) = looked(a=json_log(messages)).fields
+    assert found.rate_hz == pytest.approx(20.0, rel=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("field", "name"), [("größe [m]", "groe"), ("température", "temperature"), ("高さ", "field"), ("2nd", "x_2nd")]
+)
+def test_dimensions_have_names_that_a_log_can_hold_whatever_the_fields_are_called(field: str, name: str) -> None:
+    polars.DataFrame({field: [i * i % 7 for i in range(60)], "u": [i % 3 for i in range(60)]}).write_csv("a.csv")
+    proposal = propose(look_at(find_logs([Path("a.csv")])), ["a.csv"], Wishes(rate_hz=20.0))
+    assert list(proposal.source["observation"]) == [name]
+    assert assess(source_params(proposal.source)).transitions == 59
+
+
+def test_categories_are_texts() -> None:
+    words = polars.Series(["go" if i % 3 else "stop" for i in range(60)]).cast(polars.Categorical)
+    polars.DataFrame({"q": [i * i % 7 for i in range(60)], "command": words}).write_parquet("a.parquet")
+    proposal = propose(look_at(find_logs([Path("a.parquet")])), ["a.parquet"], Wishes(rate_hz=20.0))
+    assert proposal.source["action"] == {"discrete": {"field": "command", "names": ["go", "stop"]}}
+    assert assess(source_params(proposal.source)).transitions == 59
+
+
+def test_the_report_explains_the_counters_of_logs_and_of_tables() -> None:
+    Path("a.mcap").write_bytes(json_log(states_and_commands()))
+    Path("a.csv").write_text("t,q,u\n" + "".join(f"{i / 10},{i * i % 7},{i % 3}\n" for i in range(20)))
+    table = {"kind": "csv", "observation": {"q": {"field": "q"}}, "action": {"continuous": {"u": {"field": "u"}}},
+             "tolerance_s": ..., "clock": {"column": "t"}}  # fmt: skip
+    counted = dict[str, int]()
+    for changes in (
+        {"files": "a.mcap", "episode": {"by": "reset"}},
+        {"files": "a.csv", "episode": {"by": "file"}} | table,
+    ):
+        counted |= assess(source(**changes)).counts
+    assert (
+        {"reordered", "joined_files", "incomplete_parts", "repeated", "off_rate"} <= counted.keys() <= COUNTERS.keys()
+    )

@@ -11,6 +11,8 @@ from foreign_tables import account, imported, lengths, refusal
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from addressed_dynamics.importing.finding import find_logs
+from addressed_dynamics.importing.looking_at import look_at
 from addressed_dynamics.sources.transitions.conversion import convert_recording
 from addressed_dynamics.sources.transitions.params import ConvertParams
 
@@ -144,3 +146,13 @@ def test_the_data_report_says_the_measured_rate() -> None:
     (finding,) = [each for each in report["quality"] if each["kind"] == "off_rate"]
     assert finding["first"]["value"] == pytest.approx(18.0)
     assert "another rate" in finding["meaning"]
+
+
+@pytest.mark.parametrize("rate_hz", [60.0, 300.0, 144.0])
+def test_times_that_were_rounded_have_the_rate_that_they_were_recorded_at(rate_hz: float) -> None:
+    timed(*(round(i / rate_hz, 3) for i in range(2_000)))
+    imported(clock=TIME, rate_hz=rate_hz)
+    details = account()["details"]["a.csv"]
+    assert details["measured_hz"] == pytest.approx(rate_hz, rel=2e-3)
+    assert "warnings" not in details
+    assert look_at(find_logs([Path("a.csv")])).fields[0].rate_hz == pytest.approx(rate_hz, rel=2e-3)

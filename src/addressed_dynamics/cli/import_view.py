@@ -55,8 +55,6 @@ def _assessment_parts(assessment: Assessment) -> Iterator[RenderableType]:
         }
     )
     yield from (safe_text(f"Warning: {warning}", style="yellow") for warning in assessment.warnings)
-    if assessment.refusal is not None:
-        yield safe_text(f"It would be refused: {assessment.refusal}", style="red")
     unusual = [each for each in assessment.episodes if each.verdict != "use"]
     shown = sorted([*unusual, *(each for each in assessment.episodes if each.verdict == "use")][:EPISODES_SHOWN],
                    key=lambda each: (each.file, each.number))  # fmt: skip

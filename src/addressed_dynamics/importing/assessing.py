@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from addressed_dynamics.base.errors import TableError
 from addressed_dynamics.base.params.source import SourceParams
 from addressed_dynamics.importing.importer import read_samples, wanted_signals
 from addressed_dynamics.importing.judging import (
@@ -20,7 +19,7 @@ from addressed_dynamics.importing.judging import (
     stretches,
 )
 from addressed_dynamics.importing.precision import Precision
-from addressed_dynamics.importing.samples import find_episodes
+from addressed_dynamics.importing.samples import find_episodes, out_of_range
 
 MOST_SAMPLES = 200_000
 """Samples that delays and noise are judged on at most: those that come first."""
@@ -39,7 +38,7 @@ class Assessment:
     warnings: tuple[str, ...]
     """What looks wrong, in lines that begin with the file."""
     refusal: str | None = None
-    """Why the import would be refused all the same; None if it would not."""
+    """Which of them would refuse the import; None if none would."""
 
     @property
     def transitions(self) -> int:
@@ -70,19 +69,19 @@ def assess(source: SourceParams) -> Assessment:
         )
         if sum(len(each.states) for each in kept) < MOST_SAMPLES:
             kept += stretches(samples, found, signals)
-        lost = precision.look_at(samples, origin)
-        warnings += [f"{origin}: float32 swallows {count:,} steps of {name}" for name, count in lost.items()]
-        for name, count in (samples.counts | ({"swallowed": sum(lost.values())} if lost else {})).items():
+        outside = sum(out_of_range(samples.values, signals.spec).values())
+        lost = sum(precision.look_at(samples, origin).values())
+        for name, count in (samples.counts | {"out_of_range": outside, "swallowed": lost}).items():
             counts[name] = counts.get(name, 0) + count
         warnings += [f"{origin}: {warning}" for warning in samples.details.get("warnings", [])]
+    refusals = tuple(precision.refusals())
     excitations, delays, noises = judge_all(kept, signals) if kept else ([], [], [])
-    found_all = (tuple(episodes), tuple(excitations), tuple(delays), tuple(noises), counts, tuple(warnings))
-    return Assessment(*found_all, _refusal(precision))
-
-
-def _refusal(precision: Precision) -> str | None:
-    try:
-        precision.refuse_swallowed()
-    except TableError as error:
-        return str(error)
-    return None
+    return Assessment(
+        episodes=tuple(episodes),
+        excitations=tuple(excitations),
+        delays=tuple(delays),
+        noises=tuple(noises),
+        counts=counts,
+        warnings=(*warnings, *refusals),
+        refusal=next(iter(refusals), None),
+    )

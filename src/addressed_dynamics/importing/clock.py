@@ -6,12 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import polars
-from jaxtyping import Bool, Int64
+from jaxtyping import Bool, Float64, Int64
 
 from addressed_dynamics.base.errors import LogError
 
 MOST_TICKS = 20_000_000
 """Most ticks in a file, eleven days at 20 Hz; a damaged time would ask for any number."""
+LONGEST = 1.75
+"""A period that is so many times as long as the median is a gap."""
 NONE = -1
 """Stands for no message."""
 
@@ -25,6 +27,15 @@ class TopicTimes:
     """Times of its messages, in order; at least one."""
     ends: int
     """When the clock has to stop for lack of newer values."""
+
+
+def usual_period(periods: Float64[np.ndarray, " period"]) -> float:
+    """Return the mean of the periods that are no gaps: the rounding of times, such as 17, 17 and 16 ms, cancels out.
+
+    Args:
+        periods: at least one; greater than 0.
+    """
+    return float(periods[periods < LONGEST * np.median(periods)].mean())
 
 
 def ticks(where: str, topics: list[TopicTimes], rate_hz: float) -> Int64[np.ndarray, " tick"]:

@@ -15,7 +15,7 @@ from addressed_dynamics.base.errors import TableError
 from addressed_dynamics.importing.agreement import Agreement
 from addressed_dynamics.importing.decoding import reason
 from addressed_dynamics.importing.paths import MOST_LISTED
-from addressed_dynamics.importing.signals import Signal
+from addressed_dynamics.importing.signals import EXACT, Signal, too_long
 
 _PLACE = re.compile(r"\[(\d+)\]")
 
@@ -50,11 +50,22 @@ def column_values(table: Table, signals: Sequence[Signal], agreement: Agreement)
     """Return the numbers of `signals`, NaN where there is none.
 
     Raises:
-        TableError: there is no such column, or it holds no numbers.
+        TableError: there is no such column, or it holds no numbers, or whole numbers that float64 cannot hold.
         LogError: the arrays in a column are not as long as those before.
     """
-    columns = [numbers_in(table, find_column(table, signal, agreement), signal) for signal in signals]
+    columns = [numbers_in(table, _exact(table, signal, agreement), signal) for signal in signals]
     return np.stack(columns, axis=1) if columns else np.zeros((table.length, 0))
+
+
+def _exact(table: Table, signal: Signal, agreement: Agreement) -> polars.Series:
+    column = find_column(table, signal, agreement)
+    if signal.plain and column.dtype.is_integer():
+        far = column.cast(polars.Float64).abs() >= EXACT
+        if far.any():
+            row = int(far.arg_true()[0])
+            message = f"{table.where}: {table.row(row)}, column '{signal.field}': {too_long(column[row])}"
+            raise TableError(message)
+    return column
 
 
 def find_column(table: Table, signal: Signal, agreement: Agreement) -> polars.Series:

@@ -14,7 +14,7 @@ from addressed_dynamics.base.errors import TableError
 from addressed_dynamics.base.params.source import CsvSource
 from addressed_dynamics.importing.columns import Table
 from addressed_dynamics.importing.decoding import reason
-from addressed_dynamics.importing.signals import Signal
+from addressed_dynamics.importing.signals import EXACT, Signal
 
 _TRUTH = {"true": True, "false": False}
 _REPEATED = "_duplicated_"
@@ -29,7 +29,7 @@ def open_csv(path: Path, source: CsvSource) -> Table:
     Raises:
         TableError: it is no CSV file, it is not in UTF-8, or two columns have the same name.
     """
-    frame = _read(path, source)
+    frame = _without_empty_lines(path, source, _read(path, source))
     names = [_bare(name) for name in frame.columns]
     if broken := next((name for name in names if "\ufffd" in name), None):
         message = f"{path}: the file cannot be read as csv (the name '{broken}' is not in UTF-8); save it in UTF-8"
@@ -66,6 +66,14 @@ def _read(path: Path, source: CsvSource) -> polars.DataFrame:
         raise TableError(message) from error
 
 
+def _without_empty_lines(path: Path, source: CsvSource, frame: polars.DataFrame) -> polars.DataFrame:
+    """Take out what is no row; in a single column an empty line is a missing value."""
+    if frame.width == 1 or not frame.select(polars.all_horizontal(polars.all().is_null()).any()).item():
+        return frame
+    rows = polars.Series([bool(cells) for _, cells in _records(path, source)][1:], dtype=polars.Boolean)
+    return frame.filter(rows) if len(rows) == len(frame) else frame
+
+
 def _cells(cells: polars.Series, source: CsvSource, signal: Signal) -> polars.Series:
     """Return the bare texts; null where there is no value."""
     cells = cells.str.strip_chars()
@@ -79,8 +87,10 @@ def _typed(cells: polars.Series, source: CsvSource, signal: Signal) -> polars.Se
     """Return numbers if all cells are numbers and the signal takes numbers, else the texts."""
     if signal.names:
         return cells
-    numbers = [cells.cast(polars.Int64, strict=False)] if signal.takes_text else []
-    for typed in (*numbers, _floats(cells, source)):
+    floats = _floats(cells, source)
+    # Labels that differ in their last digit, and values that are to be refused for it.
+    whole = signal.takes_text or (floats.abs() >= EXACT).any()
+    for typed in (*([cells.cast(polars.Int128, strict=False)] if whole else []), floats):
         if typed.null_count() == cells.null_count():
             return typed
     return cells
@@ -152,7 +162,10 @@ def _records(path: Path, source: CsvSource) -> Iterator[tuple[int, list[str]]]:
 
 
 def _line(path: Path, source: CsvSource, row: int) -> int:
-    return next(islice(_records(path, source), row + 1, None), (0, []))[0]
+    records = _records(path, source)
+    _, names = next(records, (0, []))
+    rows = (line for line, cells in records if cells or len(names) == 1)
+    return next(islice(rows, row, None), 0)
 
 
 def _what_is_wrong(path: Path, source: CsvSource, error: BaseException) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from addressed_dynamics.base.errors import LogError
+from addressed_dynamics.base.errors import LogError, ParamsError
 from addressed_dynamics.base.files import write_json
 from addressed_dynamics.base.params.source import (
     EpisodeByGap,
@@ -57,7 +57,7 @@ def import_logs(source: SourceParams, folder: Path, *, name: str, progress: Call
         progress: called with the number of transitions written since its last call.
 
     Raises:
-        ParamsError: `source` has a malformed path or slice.
+        ParamsError: `source` has a malformed path or slice, or says something of a topic that no field is of.
         SpaceError: a dimension has a name that a log cannot hold.
         LogError: there are no files, one is damaged or lacks what `source` names, they do not agree, or there is no
             episode in them.
@@ -124,6 +124,7 @@ def _read(source: SourceParams, signals: Signals) -> Iterator[tuple[str, Samples
     match source:
         case McapSource():
             paths = [parse_path(signal.field) for signal in signals.all]
+            _check_topics(source, {path.topic for path in paths})
             for files in _recordings(source):
                 yield files[0].as_posix(), read_mcap(files, source, signals, paths, agreement)
         case TableSource():
@@ -132,6 +133,16 @@ def _read(source: SourceParams, signals: Signals) -> Iterator[tuple[str, Samples
             yield from read_lerobot(read_info(source), signals, agreement)
         case MinariSource():
             yield source.dataset, read_minari(source.dataset, signals, agreement)
+
+
+def _check_topics(source: McapSource, used: set[str]) -> None:
+    unknown = sorted(source.topics.keys() - used)
+    if unknown:
+        message = (
+            f"source.topics: '{unknown[0]}' is the topic of no field, so what is said of it would not count; the "
+            f"topics of the fields are: {', '.join(sorted(used))}"
+        )
+        raise ParamsError(message)
 
 
 def _recordings(source: McapSource) -> list[Recording]:

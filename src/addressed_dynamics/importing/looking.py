@@ -15,6 +15,7 @@ from jaxtyping import Float64, Int64
 from mcap.records import Channel
 
 from addressed_dynamics.importing.arrays import names_beside
+from addressed_dynamics.importing.clock import usual_period
 from addressed_dynamics.importing.decoding import ZSTANDARD, Decode, decoder_for, unpacked
 from addressed_dynamics.importing.paths import FieldPath, Label, Step, is_array, member, member_names
 from addressed_dynamics.importing.stamps import STAMPS, own_time
@@ -265,4 +266,4 @@ _TIMES = frozenset(STAMPS)
 def _periods(times: Int64[np.ndarray, " message"]) -> tuple[float | None, float]:
     """Return the rate, in Hz, and the 99th percentile of the times between messages, in seconds."""
     periods = np.diff(times)[np.diff(times) > 0] / 1e9
-    return (1 / float(np.median(periods)), float(np.quantile(periods, 0.99))) if len(periods) else (None, 0.0)
+    return (1 / usual_period(periods), float(np.quantile(periods, 0.99))) if len(periods) else (None, 0.0)

@@ -14,6 +14,7 @@ import polars
 
 from addressed_dynamics.base.errors import TableError
 from addressed_dynamics.base.params.source import CsvSource, LerobotSource
+from addressed_dynamics.importing.clock import usual_period
 from addressed_dynamics.importing.columns import Table
 from addressed_dynamics.importing.csv_text import open_csv
 from addressed_dynamics.importing.finding import Found
@@ -132,6 +133,8 @@ def _leaves(field: str, column: polars.Series) -> Iterator[tuple[str, polars.Ser
 
 def _take(found: Field, column: polars.Series) -> None:
     found.total += len(column)
+    if isinstance(column.dtype, polars.Categorical | polars.Enum):
+        column = column.cast(polars.String)
     some = column.gather_every(max(1, len(column) // MOST_VALUES)) if len(column) else column
     if some.dtype.is_numeric() or some.dtype == polars.Boolean:
         numbers = column.cast(polars.Float64).to_numpy()
@@ -154,7 +157,7 @@ def _clock(candidates: dict[str, list[polars.Series]]) -> tuple[dict[str, Any] |
             continue
         unit, steps = _steps(field, columns)
         if len(steps) and (steps > 0).mean() >= FORWARD:
-            period = float(np.median(steps[steps > 0]))
+            period = usual_period(steps[steps > 0])
             return {"column": field, **({} if unit == "s" else {"unit": unit})}, 1.0 / (period * UNITS[unit])
     for field, columns in candidates.items():
         if _words(field) & FRAME_WORDS and all(column.dtype.is_numeric() for column in columns):

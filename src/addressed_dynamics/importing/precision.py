@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from addressed_dynamics.base.errors import TableError
@@ -40,12 +42,16 @@ class Precision:
         Raises:
             TableError: it does not.
         """
+        for message in self.refusals():
+            raise TableError(message)
+
+    def refusals(self) -> Iterator[str]:
+        """Yield a line for each dimension of which float32 loses most steps."""
         for place in np.flatnonzero(self._total.mostly):
             name, signal = self._dimensions[place].name, self._signals.all[self._dimensions[place].column]
             origin, middle = self._first[name]
-            message = (
+            yield (
                 f"{origin}: float32 cannot hold '{name}' (field '{signal.field}'): {self._total.lost[place]} of the "
                 f"{self._total.changed[place]} steps that change it are lost, because its values are near {middle:.9g} "
                 f"and change by little; give it an offset that is taken off, such as {signal.offset + round(middle)}"
             )
-            raise TableError(message)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -31,6 +32,8 @@ MIN_LENGTH = 20
 """Samples that an episode needs."""
 RARE = 10.0
 """Commands that come so many times as seldom as the state do not set the rate."""
+FLOAT32 = 2.0**-23
+"""Part of a number below which float32 does not see a change of it."""
 LATE = 1.5
 """Periods of a topic after which its newest value no longer holds."""
 
@@ -93,10 +96,10 @@ def propose(look: Look, files: Sequence[str], wishes: Wishes) -> Proposal:
     if not chosen["observation"]:
         chosen["observation"] = _guessed_states(look, taken, draft)
     source: dict[str, Any] = {"kind": look.kind, **_origin(look.kind, files), **look.options}
-    source["observation"] = _dimensions(chosen["observation"])
-    source["action"] = _action(chosen["action"])
+    source["observation"] = _dimensions(chosen["observation"], draft)
+    source["action"] = _action(chosen["action"], draft)
     if chosen["exogenous"]:
-        source["exogenous"] = _dimensions(chosen["exogenous"])
+        source["exogenous"] = _dimensions(chosen["exogenous"], draft)
     source["reward"] = special.get("reward")
     source |= {role: special[role] for role in ("terminated", "truncated") if role in special}
     source |= _timing(look, chosen, special, wishes, draft)
@@ -217,12 +220,12 @@ def _rate(chosen: Mapping[str, Mapping[str, Field]], wishes: Wishes, draft: _Dra
     if wishes.rate_hz is not None:
         return {"rate_hz": wishes.rate_hz}
     rates = [each.rate_hz for each in chosen["observation"].values() if each.rate_hz]
+    # A step is what follows a command, unless commands are rare.
+    fastest = max(rates, default=0.0)
+    rates += [each.rate_hz for each in chosen["action"].values() if each.rate_hz and each.rate_hz * RARE > fastest]
     if not rates:
         draft.unknown.append("rate")
         return {}
-    # A step is what follows a command, unless commands are rare.
-    fastest = max(rates)
-    rates += [each.rate_hz for each in chosen["action"].values() if each.rate_hz and each.rate_hz * RARE > fastest]
     # A rate a little off is the same rate, measured.
     slowest = min(rates)
     rate = (
@@ -264,15 +267,30 @@ def _episode(look: Look, special: Mapping[str, str], wishes: Wishes, rate: float
     return {"by": "file"}
 
 
-def _dimensions(fields: Mapping[str, Field]) -> dict[str, Any]:
-    return {name: {"field": each.field, **({"unit": each.unit} if each.unit else {})} for name, each in fields.items()}
+def _dimensions(fields: Mapping[str, Field], draft: _Draft) -> dict[str, Any]:
+    dimensions: dict[str, Any] = {}
+    for name, each in fields.items():
+        dimensions[name] = {"field": each.field, **({"unit": each.unit} if each.unit else {})}
+        if offset := _offset(each):
+            dimensions[name]["offset"] = offset
+            draft.guessed.append(f"offset of {name}: {offset:.12g}, without which float32 cannot hold its steps")
+    return dimensions
 
 
-def _action(fields: Mapping[str, Field]) -> dict[str, Any]:
+def _offset(each: Field) -> float:
+    """Return what to take off values whose usual step is too small for float32; 0 if it is not."""
+    steps = np.abs(np.diff(each.finite))
+    steps = steps[steps > 0]
+    if not len(steps) or np.median(steps) > FLOAT32 * np.abs(each.finite).max():
+        return 0.0
+    return float(round(float(np.median(each.finite))))
+
+
+def _action(fields: Mapping[str, Field], draft: _Draft) -> dict[str, Any]:
     texts = [each for each in fields.values() if each.texts]
     if texts:
         return {"discrete": {"field": texts[0].field, "names": sorted(texts[0].texts)}}
-    return {"continuous": _dimensions(fields)}
+    return {"continuous": _dimensions(fields, draft)}
 
 
 def _note(each: Field) -> str:
@@ -299,13 +317,18 @@ def _name(text: str, look: Look) -> str:
     else:
         without_unit = text[: text.rindex(unit) - 1] if (unit := unit_in(text)) else text
         words = re.split(r"[.\[\]]+", without_unit)
-    words = [word for word in (re.sub(r"\W+", "_", word).strip("_") for word in words) if word]
+    words = [word for word in (re.sub(r"[^A-Za-z0-9]+", "_", _plain(word)).strip("_") for word in words) if word]
     start = len(words) - 1
     while start > 0 and (words[start].isdigit() or len(words[start]) < 2 or words[start] in ("data", "value")):
         start -= 1
     kept = [word for word in words[start:] if word not in ("data", "value")] or words[-1:]
     name = "_".join(kept) if kept else "field"
     return name if re.match(r"[A-Za-z]", name) else f"x_{name}"
+
+
+def _plain(text: str) -> str:
+    """Return a text without what letters have on them: `große Höhe` is `groe Hohe`."""
+    return unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode()
 
 
 def _step_word(step: Step) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 from addressed_dynamics.base.errors import TableError
+from addressed_dynamics.importing.clock import usual_period
 from addressed_dynamics.importing.samples import Samples, keep_usable
 from addressed_dynamics.importing.signals import Signals
 
@@ -175,8 +176,9 @@ def check_together(rows: Rows, signals: Signals) -> None:
     """
     if signals.label is None or signals.label_column is None:
         return
+    # A row without a label is dropped, and ends no episode that others would have to belong to.
+    rows = rows.select(~np.isnan(rows.values[:, signals.label_column]))
     begins = np.flatnonzero(new_labels(rows, signals))
-    begins = begins[~np.isnan(rows.values[begins, signals.label_column])]
     _, first, inverse = np.unique(rows.values[begins, signals.label_column], return_index=True, return_inverse=True)
     again = begins[first[inverse] < np.arange(len(begins))]
     if len(again):
@@ -227,4 +229,4 @@ def _measured_hz(steps: Float64[np.ndarray, "step clock"], clocks: tuple[Clock, 
     times = [number for number, clock in enumerate(clocks) if clock.unit_seconds is not None]
     if not times or not len(steps):
         return None
-    return float(f"{1.0 / (np.median(steps[:, times[0]]) * signals.spec.step_seconds):.6g}")
+    return float(f"{1.0 / (usual_period(steps[:, times[0]]) * signals.spec.step_seconds):.6g}")

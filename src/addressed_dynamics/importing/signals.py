@@ -123,6 +123,10 @@ class Signals:
         return vectors + sum(each is not None for each in before)
 
 
+EXACT = 2**53
+"""From here on float64 lacks whole numbers."""
+
+
 class _Labels(dict[Any, int]):
     """Numbers labels in the order in which they come."""
 
@@ -220,7 +224,15 @@ def _number(value: Any) -> float:
     if not isinstance(value, bool | int | float | np.number | np.bool_):
         message = f"{value!r:.80} is not a number"
         raise TypeError(message)
-    return float(value)
+    number = float(value)
+    if not -EXACT < number < EXACT and isinstance(value, int | np.integer):
+        raise ValueError(too_long(int(value)))
+    return number
+
+
+def too_long(value: int) -> str:
+    """Say that a whole number is too long."""
+    return f"{value} has more digits than float64 holds; record how far it is from a fixed number"
 
 
 def _discrete(params: DiscreteParams) -> Signal:

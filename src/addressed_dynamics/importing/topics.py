@@ -9,15 +9,12 @@ from mcap.records import Channel, Schema
 
 from addressed_dynamics.base.errors import LogError
 from addressed_dynamics.importing.agreement import Agreement
-from addressed_dynamics.importing.decoding import ZSTANDARD
 from addressed_dynamics.importing.paths import FieldPath
 from addressed_dynamics.importing.ros_databases import database_runs, is_database
 from addressed_dynamics.importing.series import Clock, TopicReader, Turns
 from addressed_dynamics.importing.signals import Signal
 from addressed_dynamics.logs.container import Content, Damage, MessageRun, Source, scan
-
-COMPRESSED = {ZSTANDARD: "zstd -d", b"\x1f\x8b": "gunzip", b"\x04\x22\x4d\x18": "lz4 -d"}
-"""What undoes the compression of a whole file, by how it begins."""
+from addressed_dynamics.logs.reader import refuse_compressed
 
 
 def read_topics(
@@ -113,18 +110,11 @@ def _contents(path: Path) -> Iterator[Content]:
             if not source.size:
                 message = f"{path}: the file is empty (0 bytes), but an MCAP log was expected; record it again"
                 raise LogError(message)
-            _refuse_compressed(path, source)
+            refuse_compressed(path, source)
             yield from scan(source)
     except OSError as error:
         message = f"{path}: the log cannot be read ({error.strerror})"
         raise LogError(message) from error
-
-
-def _refuse_compressed(path: Path, source: Source) -> None:
-    for magic, undo in COMPRESSED.items():
-        if source.read(0, len(magic)) == magic:
-            message = f"{path}: this is a compressed file, not an MCAP log; undo it with '{undo} {path.name}'"
-            raise LogError(message)
 
 
 def _refuse_times(path: Path, topics: Sequence[str]) -> None:

@@ -16,6 +16,13 @@ from addressed_dynamics.logs.contents import EpisodeRecord, LogContents, RunReco
 from addressed_dynamics.logs.decoding import Columns, Found, episode_records, run_record, transition_columns
 from addressed_dynamics.logs.schema import EPISODE_SCHEMA, TRANSITION_SCHEMA
 
+COMPRESSED = {
+    bytes.fromhex("28b52ffd"): "zstd -d",
+    bytes.fromhex("1f8b"): "gunzip",
+    bytes.fromhex("04224d18"): "lz4 -d",
+}
+"""What undoes the compression of a whole file, by how it begins."""
+
 
 def read_log(path: Path) -> LogContents:
     """Read the log at `path`.
@@ -173,10 +180,23 @@ def open_source(path: Path) -> Iterator[Source]:
         raise LogError(message) from error
 
 
+def refuse_compressed(path: Path, source: Source) -> None:
+    """Do nothing unless the file as a whole is compressed.
+
+    Raises:
+        LogError: it is; the message says what undoes it.
+    """
+    for magic, undo in COMPRESSED.items():
+        if source.read(0, len(magic)) == magic:
+            message = f"{path}: this is a compressed file, not an MCAP log; undo it with '{undo} {path.name}'"
+            raise LogError(message)
+
+
 def _check_signature(path: Path, source: Source) -> None:
     if not source.size:
         message = f"{path}: the file is empty (0 bytes), but an MCAP log was expected; record it again"
         raise LogError(message)
+    refuse_compressed(path, source)
     if (start := source.read(0, len(MAGIC))) != MAGIC:
         message = f"{path}: byte 0 should begin an MCAP log, but the file begins with {start!r}; give an .mcap file"
         raise LogError(message)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import re
+import shutil
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,7 +14,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from addressed_dynamics.base.errors import ParamsError
-from addressed_dynamics.base.files import write_text
+from addressed_dynamics.base.files import atomic_path
 
 MARK = "# made by 'addressed-dynamics new'"
 """Stands beside the name of a section that may be removed without asking."""
@@ -29,16 +32,18 @@ def add_experiment(path: Path, name: str, entries: Mapping[str, str], section: s
         section: its section, as YAML, indented by two blanks.
 
     Raises:
-        ParamsError: the name is no name or is taken, the file cannot be read, or a mapping is written in a form that
-            cannot be added to; the file is then as it was.
+        ParamsError: the name is no name or is taken, the file cannot be read or written, or a mapping is written in
+            a form that cannot be added to; the file is then as it was.
     """
-    text = _text(path)
+    text, crlf = _text(path)
     before = _document(path, text)
     if not NAME.fullmatch(name):
         message = f"'{name}' cannot be the name of an experiment; give letters, digits, - and _, a letter first"
         raise ParamsError(message)
-    if name in before or any(name in (before.get(mapping) or {}) for mapping in entries):
-        message = f"{path}: there is a '{name}' in it already; give another name, or 'addressed-dynamics remove {name}'"
+    named = any(name in (before.get(mapping) or {}) for mapping in entries)
+    if name in before or named:
+        undo = f", or 'addressed-dynamics remove {name}'" if named else ""
+        message = f"{path}: there is a '{name}' in it already; give another name{undo}"
         raise ParamsError(message)
     lines = text.rstrip("\n").split("\n")
     for mapping, value in entries.items():
@@ -48,7 +53,7 @@ def add_experiment(path: Path, name: str, entries: Mapping[str, str], section: s
     expected = {**before, **{mapping: {**(before.get(mapping) or {}), name: YAML(typ="safe").load(value)}
                              for mapping, value in entries.items()}}  # fmt: skip
     _check(path, {key: value for key, value in after.items() if key != name}, expected)
-    write_text(path, body)
+    _write(path, body, crlf=crlf)
 
 
 def remove_experiment(path: Path, name: str, mappings: tuple[str, ...], *, of_anybody: bool = False) -> None:
@@ -61,23 +66,20 @@ def remove_experiment(path: Path, name: str, mappings: tuple[str, ...], *, of_an
         of_anybody: whether a section without the mark may go, which somebody has written.
 
     Raises:
-        ParamsError: there is no such section, it has no mark, or the file cannot be read.
+        ParamsError: there is no such section, it has no mark, or the file cannot be read or written.
     """
-    text = _text(path)
+    text, crlf = _text(path)
     before = _document(path, text)
     lines = text.split("\n")
     start = next((place for place, line in enumerate(lines) if re.match(rf"{re.escape(name)}\s*:", line)), None)
-    if start is None:
+    named = any(name in (before.get(mapping) or {}) for mapping in mappings)
+    if start is None or not (named or MARK in lines[start]):
         message = f"{path}: there is no experiment '{name}' in it"
         raise ParamsError(message)
     if MARK not in lines[start] and not of_anybody:
         message = f"{path}: '{name}' was not made by 'addressed-dynamics new'; to remove it all the same, add --yes"
         raise ParamsError(message)
-    stop = start + 1
-    while stop < len(lines) and (lines[stop].startswith((" ", "-")) or (not lines[stop] and stop + 1 < len(lines))):
-        stop += 1
-    while not lines[stop - 1]:
-        stop -= 1
+    stop = _end(lines, start)
     # The empty line before a section belongs to it.
     first = start - 1 if start and not lines[start - 1] else start
     del lines[first:stop]
@@ -87,14 +89,30 @@ def remove_experiment(path: Path, name: str, mappings: tuple[str, ...], *, of_an
     expected = {key: {each: entry for each, entry in value.items() if each != name} if key in mappings else value
                 for key, value in before.items() if key != name}  # fmt: skip
     _check(path, _document(path, body), expected)
-    write_text(path, body)
+    _write(path, body, crlf=crlf)
 
 
-def _text(path: Path) -> str:
+def _text(path: Path) -> tuple[str, bool]:
+    """Return what is in a file, with the line ends of Unix, and whether it has those of Windows throughout."""
     try:
-        return path.read_text(encoding="utf-8")
+        text = path.read_bytes().decode()
     except (OSError, UnicodeDecodeError) as error:
         message = f"{path}: the params file cannot be read ({error})"
+        raise ParamsError(message) from error
+    crlf = text.count("\r\n") == text.count("\n") > 0
+    return (text.replace("\r\n", "\n") if crlf else text), crlf
+
+
+def _write(path: Path, text: str, *, crlf: bool) -> None:
+    """Replace what is in a file, through a link to it, and let it be as readable and writable as it was."""
+    try:
+        if not os.access(path, os.W_OK):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+        with atomic_path(path.resolve()) as temporary:
+            temporary.write_bytes((text.replace("\n", "\r\n") if crlf else text).encode())
+            shutil.copymode(path, temporary)
+    except OSError as error:
+        message = f"{path}: the params file cannot be written ({error.strerror}); nothing was changed"
         raise ParamsError(message) from error
 
 
@@ -126,6 +144,17 @@ def _block(lines: list[str], place: int) -> range:
     while stop < len(lines) and lines[stop].startswith(" "):
         stop += 1
     return range(place + 1, stop)
+
+
+def _end(lines: list[str], start: int) -> int:
+    """Return where the section ends whose name stands at `start`; comments and empty lines behind it are not part."""
+    last = start
+    for place in range(start + 1, len(lines)):
+        if lines[place].startswith((" ", "-")):
+            last = place
+        elif lines[place] and not lines[place].startswith("#"):
+            break
+    return last + 1
 
 
 def _insert(path: Path, lines: list[str], mapping: str, entry: str) -> None:
