@@ -15,7 +15,7 @@ from jaxtyping import Float32, Float64
 from addressed_dynamics.evaluation.transitions.candidates import Candidate
 from addressed_dynamics.evaluation.transitions.one_step import errors_per_dimension, predict_all
 from addressed_dynamics.evaluation.transitions.points import Points
-from addressed_dynamics.evaluation.transitions.records import REFERENCES
+from addressed_dynamics.evaluation.transitions.records import NOTHING, REFERENCES
 from addressed_dynamics.evaluation.transitions.rollouts import finite, roll_out
 from addressed_dynamics.evaluation.transitions.truth import TrueRollouts, true_rollouts
 from addressed_dynamics.simulators.delivery import Recommended
@@ -85,15 +85,17 @@ def recommend(
 
 
 def choose(scores: Mapping[str, Score]) -> tuple[str, bool]:
-    """Return the candidate to load, and whether it is no worse than the references.
+    """Return the candidate to load, and whether it is worth more than the references.
 
-    It is the best of those that are worse than no reference, neither one step ahead nor in rollouts; if all are, the
-    best reference.
+    It is the best of those that are no worse than any reference in rollouts, nor than nothing one step ahead; if there
+    are none, the best reference. A reference that is better one step ahead alone is no reason against a model: least
+    squares on six frames of Acrobot have a fifth of its error, and are lost in a sixth of the time.
     """
     references = {name: each for name, each in scores.items() if name.partition("/")[0] in REFERENCES}
     if not references:
         return min(scores, key=lambda name: scores[name].rank), True
-    one_step = SLACK * min(each.one_step_percent for each in references.values())
+    nothing = [each.one_step_percent for name, each in references.items() if name.startswith(NOTHING)]
+    one_step = SLACK * min(nothing, default=float("inf"))
     rollout = SLACK * min(each.rollout_percent for each in references.values())
     sound = {
         name: each

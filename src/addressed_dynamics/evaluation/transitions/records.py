@@ -219,7 +219,9 @@ class RolloutSource(Record):
     """Names of the exogenous inputs, whose recorded values are replayed."""
 
 
-REFERENCES = ("persistence", "linear")
+NOTHING = "persistence"
+"""The reference by which nothing changes."""
+REFERENCES = (NOTHING, "linear")
 """What any model has to beat."""
 _OTHER_BASELINES = (*REFERENCES, "total_parameters", "unequal_bins", "random_bins", "paper_recipe", "default_recipe")
 
@@ -239,7 +241,7 @@ class Recommendation(Record):
     """A key of `candidates`."""
     label: str
     beats_references: bool
-    """Whether it is no worse than nothing and than least squares, one step ahead and in rollouts."""
+    """Whether it is no worse than nothing and than least squares in rollouts, nor than nothing one step ahead."""
     rollouts: int
     """Rollouts on validation episodes that it was chosen by."""
     scores: dict[str, ScoreRecord]

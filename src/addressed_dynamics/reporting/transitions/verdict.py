@@ -5,8 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from statistics import mean
 
-from addressed_dynamics.evaluation.transitions.records import AddressingResult, Evaluation, Recommendation
+from addressed_dynamics.evaluation.transitions.records import (
+    REFERENCES,
+    AddressingResult,
+    Evaluation,
+    Recommendation,
+)
 from addressed_dynamics.reporting.common.comparison import MARGIN
+from addressed_dynamics.reporting.common.figures.style import model_style
 from addressed_dynamics.reporting.common.numbers import (
     in_words,
     listed,
@@ -50,14 +56,34 @@ def _recommended(recommendation: Recommendation) -> str:
         f"its rollouts keep it below 10 % for {significant(best.horizon_seconds, 3)} s"
     )
     if not recommendation.beats_references:
-        return f"Use {recommendation.label}, for no trained model is as good one step ahead and in rollouts: {reached}."
+        return f"Use {recommendation.label}, for no trained model is worth more: {reached}."
+    better = _better_in_a_step(recommendation)
     if name == "ensemble/argmax":
-        return f"Use the addressed ensemble: {reached}."
+        return f"Use the addressed ensemble: {reached}.{better}"
     label = recommendation.label
     which = f"the {label}" if label.startswith("ensemble") else label
     return (
         f"Use {which} (candidate='recommended'): {reached}, where the addressed ensemble has "
-        f"{significant(own.one_step_percent, 2)} % and {significant(own.horizon_seconds, 3)} s."
+        f"{significant(own.one_step_percent, 2)} % and {significant(own.horizon_seconds, 3)} s.{better}"
+    )
+
+
+def _better_in_a_step(recommendation: Recommendation) -> str:
+    """Return a sentence if a reference is better one step ahead than the recommended model; else nothing."""
+    own = recommendation.scores[recommendation.candidate]
+    references = {name: score for name, score in recommendation.scores.items() if name.partition("/")[0] in REFERENCES}
+    if not references:
+        return ""
+    name = min(references, key=lambda each: references[each].one_step_percent)
+    best = references[name]
+    if own.one_step_percent <= best.one_step_percent:
+        return ""
+    title, _ = model_style(name)
+    return (
+        f" One step ahead {title} is better ({significant(best.one_step_percent, 2)} %), but lost after "
+        f"{significant(best.horizon_seconds, 3)} s."
+        if best.horizon_seconds < own.horizon_seconds
+        else f" One step ahead {title} is better ({significant(best.one_step_percent, 2)} %)."
     )
 
 
