@@ -8,7 +8,7 @@ from itertools import chain
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Int64, UInt8
+from jaxtyping import Float32, Int64, UInt8
 
 from addressed_dynamics.base.errors import LogError
 from addressed_dynamics.episodes.transitions import Transitions
@@ -37,13 +37,14 @@ def write_log(
     topic: str = "/env_00",
     seeds: Sequence[int | None] | None = None,
 ) -> None:
-    """Write a log of whole episodes: the same messages as `TransitionLogWriter` writes, in fewer and larger chunks.
+    """Write a log: the same messages as `TransitionLogWriter` writes, in fewer and larger chunks.
 
     Args:
         path: the log; it appears when it is complete.
-        transitions: one block of episodes or several of the same spaces, one after the other; memory is needed for one
-            block and one chunk at a time. Log times are those of the transitions and must increase. The last step of
-            an episode is marked truncated if it has no other end.
+        transitions: one block or several of the same spaces, one after the other. A block may begin with the next steps
+            of the last episode of the block before; how they are cut makes no difference to the log. Memory is needed
+            for one block and one chunk at a time, and for the rewards of an episode. Log times are those of the
+            transitions and must increase. The last step of an episode is marked truncated if it has no other end.
         run: where the data comes from.
         topic: transitions go to the topic `<topic>/transition`, episodes to `/episode`.
         seeds: the seed of each episode, if known.
@@ -52,6 +53,7 @@ def write_log(
         SpaceError: a dimension has a name that a log cannot hold.
         LogError: there is no block, the blocks do not fit together, times do not increase, or the file cannot be
             written.
+        TransitionsError: an episode goes on in the next block, but not with its next step.
     """
     path = Path(path)
     blocks = iter([transitions] if isinstance(transitions, Transitions) else transitions)
@@ -61,9 +63,10 @@ def write_log(
         raise LogError(message)
     file = LogFile(path, first.spec, topic=topic, run=run)
     try:
-        writer = _BulkWriter(file, iter(seeds or ()))
+        writer = _BulkWriter(file, seeds or ())
         for block in chain([first], blocks):
             writer.write(block)
+        writer.write_rest()
         file.finish()
     except BaseException:
         file.abandon()
@@ -73,7 +76,7 @@ def write_log(
 
 @dataclass(frozen=True)
 class _EpisodeEnds:
-    """The records of the episodes of a block."""
+    """The records of the episodes that end in a block."""
 
     rows: Int64[np.ndarray, " episode"]
     """Row after the last one of each episode."""
@@ -82,18 +85,34 @@ class _EpisodeEnds:
 
 
 class _BulkWriter:
-    def __init__(self, file: LogFile, seeds: Iterable[int | None]) -> None:
+    def __init__(self, file: LogFile, seeds: Sequence[int | None]) -> None:
         self._file = file
-        self._seeds = iter(seeds)
+        self._seeds = seeds
         self._begin = len(file.container.description)
         self._row_bytes = message_bytes(file.transition_layout)
         self._end_bytes = message_bytes(file.episode_layout)
         self._count, self._last_time = 0, -1
+        self._ended = 0
+        """Episodes whose records are written."""
+        self._rest: Transitions | None = None
+        """Rows that wait for those after them, because they do not fill a chunk; the last row is always one of them."""
+        self._rewards: list[Float32[np.ndarray, " step"]] = []
+        """Rewards of the written steps of the episode that has not ended."""
 
     def write(self, block: Transitions) -> None:
-        """Write one block of whole episodes."""
+        """Write all chunks that no later row can change."""
         self._check(block)
-        ends = self._ends(block)
+        if self._rest is not None:
+            block = Transitions.concatenate([self._rest, block])
+        self._write(block, last=False)
+
+    def write_rest(self) -> None:
+        """Write what waits; the last episode ends with it."""
+        if self._rest is not None:
+            self._write(self._rest, last=True)
+
+    def _write(self, block: Transitions, *, last: bool) -> None:
+        ends = self._ends(block, last=last)
         # Where each row stands in the stream of messages, in which the record of an episode follows its last row.
         row = np.arange(len(block) + 1)
         place = row * self._row_bytes + np.searchsorted(ends.rows, row, side="right") * self._end_bytes
@@ -101,10 +120,18 @@ class _BulkWriter:
         room = CHUNK_BYTES - self._begin
         while start < len(block):
             stop = max(int(np.searchsorted(place, place[start] + room, side="right")) - 1, start + 1)
+            if stop == len(block) and not last:
+                break
             self._file.do(self._write_chunk, block, ends, start, stop)
             self._count += stop - start
             self._file.safe_count = self._count
             start = stop
+        ended = int(np.searchsorted(ends.rows, start, side="right"))
+        if ended:
+            self._rewards.clear()
+        self._rewards.append(block.reward[ends.rows[ended - 1] if ended else 0 : start].copy())
+        self._ended += ended
+        self._rest = block.select(slice(start, None))
 
     def _check(self, block: Transitions) -> None:
         if block.spec != self._file.spec:
@@ -114,33 +141,42 @@ class _BulkWriter:
         backwards = np.flatnonzero(np.diff(times) <= 0)
         if len(backwards):
             row = int(backwards[0])
+            number = self._count + (0 if self._rest is None else len(self._rest)) + row
             message = (
-                f"{self._file.path}: the time of transition {self._count + row} is {times[row + 1]} ns, which is not "
+                f"{self._file.path}: the time of transition {number} is {times[row + 1]} ns, which is not "
                 f"after that of the one before it ({times[row]} ns); sort them, or write them to different logs"
             )
             raise LogError(message)
         self._last_time = int(times[-1])
 
-    def _ends(self, block: Transitions) -> _EpisodeEnds:
-        slices = list(block.episode_slices())
-        start = np.array([rows.start for rows in slices], np.int64)
+    def _ends(self, block: Transitions, *, last: bool) -> _EpisodeEnds:
+        """Return the records of the episodes of a block; whether the last one ends is known only if nothing follows."""
+        slices = list(block.episode_slices())[: None if last else -1]
         stop = np.array([rows.stop for rows in slices], np.int64)
-        last = stop - 1
+        final = stop - 1
         step_ns = max(round(block.spec.step_seconds * 1e9), 1)
         # Before the next transition, wherever that is: times in a log never repeat.
         following = np.append(block.time_ns, np.iinfo(np.int64).max)[stop]
-        time_ns = np.minimum(block.time_ns[last] + step_ns, following) - 1
+        time_ns = np.minimum(block.time_ns[final] + step_ns, following) - 1
+        # The first episode may have begun before the block.
+        before = sum(map(len, self._rewards))
+        start = np.append(0, before + stop)[:-1]
+        rewards = np.concatenate([*self._rewards, block.reward[: stop[-1]]]) if slices else block.reward[:0]
+        flags = zip(block.terminated[final], block.truncated[final], strict=True)
         messages = episode_messages(
             self._file.episode_layout,
-            episode=block.episode[last],
-            seed=[next(self._seeds, None) for _ in slices],
-            episode_return=np.add.reduceat(block.reward, start, dtype=np.float64) if slices else [],
-            length=stop - start,
-            ended=[ended_as(*flags) for flags in zip(block.terminated[last], block.truncated[last], strict=True)],
-            sequence=self._count + last,
+            episode=block.episode[final],
+            seed=[self._seed(self._ended + number) for number in range(len(slices))],
+            episode_return=np.add.reduceat(rewards, start, dtype=np.float64) if slices else [],
+            length=before + stop - start,
+            ended=[ended_as(*each) for each in flags],
+            sequence=self._count + final,
             time_ns=time_ns,
         )
         return _EpisodeEnds(stop, messages, time_ns)
+
+    def _seed(self, episode: int) -> int | None:
+        return self._seeds[episode] if episode < len(self._seeds) else None
 
     def _write_chunk(self, block: Transitions, ends: _EpisodeEnds, start: int, stop: int) -> None:
         rows = self._encode(block, ends, start, stop)
