@@ -157,6 +157,7 @@ def test_blocks_may_be_cut_anywhere_and_make_the_same_bytes(lengths, room, data,
     blocks = [expected.select(slice(*borders)) for borders in pairwise([0, *places, total])]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(bulk, "CHUNK_BYTES", DESCRIPTION_BYTES + room)
+        patch.setattr(bulk, "ADDED_AT_ONCE", 16)
         seeds = list(range(len(lengths) - 1))
         write_log(folder / "whole.mcap", expected, run=RUN, seeds=seeds)
         write_log(folder / "cut.mcap", blocks, run=RUN, seeds=seeds)

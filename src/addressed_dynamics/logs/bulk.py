@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float32, Int64, UInt8
+from jaxtyping import Float32, Float64, Int64, UInt8
 
 from addressed_dynamics.base.errors import LogError
 from addressed_dynamics.episodes.transitions import Transitions
@@ -28,6 +28,9 @@ from addressed_dynamics.logs.log_file import (
 UNKNOWN = RunInfo(environment="unknown")
 """What is said of data whose origin nobody names."""
 
+ADDED_AT_ONCE = 2**16
+"""Rewards of an episode that are added up at once; the sums of so many are added one after the other."""
+
 
 def write_log(
     path: Path | str,
@@ -43,8 +46,8 @@ def write_log(
         path: the log; it appears when it is complete.
         transitions: one block or several of the same spaces, one after the other. A block may begin with the next steps
             of the last episode of the block before; how they are cut makes no difference to the log. Memory is needed
-            for one block and one chunk at a time, and for the rewards of an episode. Log times are those of the
-            transitions and must increase. The last step of an episode is marked truncated if it has no other end.
+            for one block and one chunk at a time. Log times are those of the transitions and must increase. The last
+            step of an episode is marked truncated if it has no other end.
         run: where the data comes from.
         topic: transitions go to the topic `<topic>/transition`, episodes to `/episode`.
         seeds: the seed of each episode, if known.
@@ -84,6 +87,35 @@ class _EpisodeEnds:
     time_ns: Int64[np.ndarray, " episode"]
 
 
+@dataclass(frozen=True)
+class _Return:
+    """The sum of an episode's rewards so far, to the bit the same in whatever parts they come."""
+
+    steps: int = 0
+    added: float = 0.0
+    """The sum of all that do not wait."""
+    waiting: Float32[np.ndarray, " step"] = field(default_factory=lambda: np.zeros(0, np.float32))
+    """The latest ones, which are fewer than are added up at once."""
+
+    def plus(self, rewards: Float32[np.ndarray, " step"]) -> _Return:
+        """Return the sum after further steps."""
+        waiting = np.concatenate([self.waiting, rewards])
+        whole = len(waiting) // ADDED_AT_ONCE * ADDED_AT_ONCE
+        added = self.added
+        for start in range(0, whole, ADDED_AT_ONCE):
+            added += _sum(waiting[start : start + ADDED_AT_ONCE])
+        return _Return(self.steps + len(rewards), added, waiting[whole:])
+
+    @property
+    def value(self) -> float:
+        """The sum."""
+        return self.added + _sum(self.waiting) if len(self.waiting) else self.added
+
+
+def _sum(rewards: Float32[np.ndarray, " step"]) -> float:
+    return float(np.add.reduceat(rewards, [0], dtype=np.float64)[0])
+
+
 class _BulkWriter:
     def __init__(self, file: LogFile, seeds: Sequence[int | None]) -> None:
         self._file = file
@@ -96,8 +128,8 @@ class _BulkWriter:
         """Episodes whose records are written."""
         self._rest: Transitions | None = None
         """Rows that wait for those after them, because they do not fill a chunk; the last row is always one of them."""
-        self._rewards: list[Float32[np.ndarray, " step"]] = []
-        """Rewards of the written steps of the episode that has not ended."""
+        self._return = _Return()
+        """That of the written steps of the episode that has not ended."""
 
     def write(self, block: Transitions) -> None:
         """Write all chunks that no later row can change."""
@@ -127,9 +159,8 @@ class _BulkWriter:
             self._file.safe_count = self._count
             start = stop
         ended = int(np.searchsorted(ends.rows, start, side="right"))
-        if ended:
-            self._rewards.clear()
-        self._rewards.append(block.reward[ends.rows[ended - 1] if ended else 0 : start].copy())
+        begun = _Return() if ended else self._return
+        self._return = begun.plus(block.reward[ends.rows[ended - 1] if ended else 0 : start])
         self._ended += ended
         self._rest = block.select(slice(start, None))
 
@@ -158,22 +189,34 @@ class _BulkWriter:
         # Before the next transition, wherever that is: times in a log never repeat.
         following = np.append(block.time_ns, np.iinfo(np.int64).max)[stop]
         time_ns = np.minimum(block.time_ns[final] + step_ns, following) - 1
-        # The first episode may have begun before the block.
-        before = sum(map(len, self._rewards))
-        start = np.append(0, before + stop)[:-1]
-        rewards = np.concatenate([*self._rewards, block.reward[: stop[-1]]]) if slices else block.reward[:0]
+        length, returns = self._returns(block, stop)
         flags = zip(block.terminated[final], block.truncated[final], strict=True)
         messages = episode_messages(
             self._file.episode_layout,
             episode=block.episode[final],
             seed=[self._seed(self._ended + number) for number in range(len(slices))],
-            episode_return=np.add.reduceat(rewards, start, dtype=np.float64) if slices else [],
-            length=before + stop - start,
+            episode_return=returns,
+            length=length,
             ended=[ended_as(*each) for each in flags],
             sequence=self._count + final,
             time_ns=time_ns,
         )
         return _EpisodeEnds(stop, messages, time_ns)
+
+    def _returns(
+        self, block: Transitions, stop: Int64[np.ndarray, " episode"]
+    ) -> tuple[Int64[np.ndarray, " episode"], Float64[np.ndarray, " episode"]]:
+        """Return the steps of the episodes that end at these rows, and the sums of their rewards."""
+        if not len(stop):
+            return stop, np.zeros(0)
+        start = np.append(0, stop[:-1])
+        length, returns = stop - start, np.add.reduceat(block.reward[: stop[-1]], start, dtype=np.float64)
+        for episode in np.flatnonzero(length > ADDED_AT_ONCE):
+            returns[episode] = _Return().plus(block.reward[start[episode] : stop[episode]]).value
+        # The first episode may have begun before the block.
+        first = self._return.plus(block.reward[: stop[0]])
+        length[0], returns[0] = first.steps, first.value
+        return length, returns
 
     def _seed(self, episode: int) -> int | None:
         return self._seeds[episode] if episode < len(self._seeds) else None
