@@ -50,7 +50,7 @@ def samples(path: Path, data: bytes) -> list[list[float]] | None:
     path.unlink(missing_ok=True)
     path.write_bytes(data)
     try:
-        return read_mcap([path], SOURCE, SIGNALS, PATHS, Agreement()).values.tolist()
+        return read_mcap([path], SOURCE, SIGNALS, PATHS, Agreement()).whole().values.tolist()
     except LogError as error:
         if not str(error).startswith(f"{path}: ") or "\n" in str(error):
             raise

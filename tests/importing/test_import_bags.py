@@ -39,7 +39,7 @@ def samples(path: Path, **changes: Any) -> Samples:
     signals = signals_of(section)
     paths = [parse_path(signal.field) for signal in signals.all]
     files = bag_files(path) if is_bag(path) else (path,)
-    return read_mcap(files, section, signals, paths, Agreement())  # type: ignore[arg-type]
+    return read_mcap(files, section, signals, paths, Agreement()).whole()  # type: ignore[arg-type]
 
 
 def assert_as_in_mcap(found: Samples, folder: Path, messages: Any = TIMED) -> None:

@@ -5,7 +5,7 @@ import pytest
 from foreign_logs import source
 
 from addressed_dynamics.importing.judging import judge_all, judge_episodes, stretches
-from addressed_dynamics.importing.samples import Samples, find_episodes
+from addressed_dynamics.importing.samples import Recorded, Samples, find_episodes
 from addressed_dynamics.importing.signals import signals_of
 
 SIGNALS = signals_of(
@@ -37,7 +37,7 @@ def samples(*parts: np.ndarray) -> Samples:
 
 
 def judged(found: Samples, min_length: int = 5) -> list[tuple[str, tuple[str, ...]]]:
-    episodes = find_episodes(found.follows, min_length)
+    episodes = find_episodes(Recorded.of(found), min_length)
     verdicts = judge_episodes("a", found, episodes, SIGNALS, min_length=min_length, step_seconds=STEP)
     assert [each.number for each in verdicts] == list(range(len(verdicts)))
     assert sum(each.samples for each in verdicts) == len(found.follows)
@@ -72,7 +72,7 @@ def test_what_never_changes_is_named() -> None:
 @pytest.mark.parametrize("delay", [0, 1, 4])
 def test_the_delay_between_an_action_and_what_it_moves_is_found(delay: int) -> None:
     found = samples(system(600, delay=delay), system(400, delay=delay, seed=1))
-    _, delays, _ = judge_all(stretches(found, find_episodes(found.follows, 2), SIGNALS), SIGNALS)
+    _, delays, _ = judge_all(stretches(found, find_episodes(Recorded.of(found), 2), SIGNALS), SIGNALS)
     assert [(each.action, each.state, each.steps) for each in delays] == [("push", "v", delay)]
     assert delays[0].seconds == pytest.approx(delay * STEP)
     assert delays[0].explained > 0.9
@@ -81,14 +81,14 @@ def test_the_delay_between_an_action_and_what_it_moves_is_found(delay: int) -> N
 def test_an_action_that_does_nothing_has_no_delay() -> None:
     found = system(2_000, noise=0.1)
     found[:, 2] = np.random.default_rng(9).normal(size=len(found))
-    _, delays, _ = judge_all(stretches(samples(found), find_episodes(samples(found).follows, 2), SIGNALS), SIGNALS)
+    _, delays, _ = judge_all(stretches(samples(found), find_episodes(Recorded.of(samples(found)), 2), SIGNALS), SIGNALS)
     assert delays == []
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.05, 0.2])
 def test_noise_is_told_from_what_can_be_predicted(noise: float) -> None:
     found = samples(*(system(1_500, noise=noise, seed=seed) for seed in range(2)))
-    *_, noises = judge_all(stretches(found, find_episodes(found.follows, 2), SIGNALS), SIGNALS)
+    *_, noises = judge_all(stretches(found, find_episodes(Recorded.of(found), 2), SIGNALS), SIGNALS)
     x, v = noises
     assert v.deviation == pytest.approx(noise, abs=0.035)
     assert x.share < 0.2
@@ -96,7 +96,7 @@ def test_noise_is_told_from_what_can_be_predicted(noise: float) -> None:
 
 def test_excitation_says_how_an_action_was_moved() -> None:
     found = samples(system(400))
-    (push, idle), *_ = judge_all(stretches(found, find_episodes(found.follows, 2), SIGNALS), SIGNALS)
+    (push, idle), *_ = judge_all(stretches(found, find_episodes(Recorded.of(found), 2), SIGNALS), SIGNALS)
     assert push.changing == pytest.approx(0.25, abs=0.01)
     assert (push.values, push.covered > 0.7) == (100, True)
     assert (idle.low, idle.high, idle.changing, idle.values, idle.covered) == (0.0, 0.0, 0.0, 1, 0.0)

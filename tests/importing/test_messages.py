@@ -337,6 +337,21 @@ def test_an_episode_ends_where_the_clock_goes_back_and_what_is_held_holds_on(tmp
     assert account()["totals"]["messages"] == 61
 
 
+def test_what_is_held_over_a_reset_is_the_last_finite_value_and_no_period(tmp_path: Path) -> None:
+    messages: list[Timed] = [("/goal", 1, {"x": 7.0}), ("/goal", 2, {"x": float("nan")})]
+    for turn in range(3):
+        goals = timed("/goal", [{"x": 8.0}] * 2, start=SECOND + 5 * STEP) if turn else []
+        states = timed("/s", [{"q": 100.0 * turn + i} for i in range(10)])
+        messages += sorted([*states, *goals, *timed("/u", [{"data": turn}] * 10)], key=lambda each: each[1])
+    save(tmp_path, a=json_log(messages))
+    changes: dict[str, Any] = {"topics": {"/goal": {"hold": True}}, "episode": {"by": "reset"}}
+    transitions = imported({"q": "/s.q", "goal": "/goal.x"}, **changes)
+    assert transitions.observation[:, 1].tolist() == [7.0] * (9 + 5) + [8.0] * (4 + 9)
+    (details,) = account()["details"].values()
+    goal = details["topics"]["/goal"]
+    assert (goal["messages"], goal["not_finite"], goal["measured_hz"]) == (6, 1, 20.0)
+
+
 def split_recording(folder: Path, **first: Any) -> list[Timed]:
     """Three files of a second each, the first of which has all messages of `first` as well."""
     messages = states_and_commands(3.0)

@@ -1,6 +1,7 @@
 """Whole arrays into a log: the same messages as one by one, and the container that `mcap.Writer` would write."""
 
 import io
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -16,15 +17,17 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType, Writer
 from strategies import transitions
 
-from addressed_dynamics.base.errors import LogError
+from addressed_dynamics.base.errors import LogError, TransitionsError
 from addressed_dynamics.episodes.transitions import COLUMNS, Transitions
-from addressed_dynamics.logs import read_blocks, read_episodes, read_log, write_log
+from addressed_dynamics.logs import bulk, read_blocks, read_episodes, read_log, write_log
 from addressed_dynamics.logs.container_writer import INDEX_ENTRY, ContainerWriter
 from addressed_dynamics.logs.log_file import CHUNK_BYTES
 
 COMPRESSIONS = {"zstd": CompressionType.ZSTD, "lz4": CompressionType.LZ4, "": CompressionType.NONE}
 KINDS = list(COMPRESSIONS)
 SCHEMA = Schema(id=1, data=b"{}", encoding="jsonschema", name="anything")
+DESCRIPTION_BYTES = 1_600
+"""About what the description takes that begins a chunk."""
 CHANNELS = (Channel(1, "/a", "json", {"key": "value"}, schema_id=1), Channel(2, "/b", "json", {}, schema_id=1))
 
 messages = st.builds(
@@ -140,6 +143,40 @@ def test_blocks_written_one_after_the_other_are_one_log_and_come_back_as_blocks(
     assert_same(Transitions.concatenate([block.transitions for block in blocks]), expected)
     assert [each.length for block in blocks for each in block.episodes] == [9_000, 200, 9_000, 40]
     assert read_log(tmp_path / "car.mcap").episodes == tuple(each for block in blocks for each in block.episodes)
+
+
+@given(lengths=st.lists(st.integers(1, 60), min_size=1, max_size=5), room=st.integers(0, 2_000), data=st.data())
+@settings(max_examples=60, deadline=None)
+def test_blocks_may_be_cut_anywhere_and_make_the_same_bytes(lengths, room, data, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("logs")
+    total = sum(lengths)
+    places = sorted(data.draw(st.lists(st.integers(0, total), max_size=8)))
+    generator = np.random.default_rng(0)
+    rewards = (generator.standard_normal(total) * 10.0 ** generator.integers(-20, 20, total)).astype(np.float32)
+    expected = replace(car_transitions(lengths), reward=rewards)
+    blocks = [expected.select(slice(*borders)) for borders in pairwise([0, *places, total])]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(bulk, "CHUNK_BYTES", DESCRIPTION_BYTES + room)
+        patch.setattr(bulk, "ADDED_AT_ONCE", 16)
+        seeds = list(range(len(lengths) - 1))
+        write_log(folder / "whole.mcap", expected, run=RUN, seeds=seeds)
+        write_log(folder / "cut.mcap", blocks, run=RUN, seeds=seeds)
+    assert (folder / "cut.mcap").read_bytes() == (folder / "whole.mcap").read_bytes()
+
+
+def test_the_return_of_an_episode_is_the_same_in_one_block_and_in_many(tmp_path):
+    rewards = np.random.default_rng(0).standard_normal(40_000).astype(np.float32)
+    expected = replace(car_transitions([40_000]), reward=rewards)
+    write_log(tmp_path / "whole.mcap", expected, run=RUN)
+    write_log(tmp_path / "cut.mcap", [expected.select(slice(at, at + 999)) for at in range(0, 40_000, 999)], run=RUN)
+    assert (tmp_path / "cut.mcap").read_bytes() == (tmp_path / "whole.mcap").read_bytes()
+
+
+def test_an_episode_that_goes_on_with_another_step_is_refused(tmp_path):
+    expected = car_transitions([9])
+    with pytest.raises(TransitionsError, match="not followed by the next step"):
+        write_log(tmp_path / "car.mcap", [expected.select(slice(3)), expected.select(slice(4, None))], run=RUN)
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(("at_least", "lengths"), [(1, 4), (9_000, 3), (9_001, 2), (10**6, 1)])

@@ -62,15 +62,16 @@ def assess(source: SourceParams) -> Assessment:
     step_seconds = signals.spec.step_seconds
     episodes, kept, counts, warnings = list[EpisodeJudgement](), list[Stretch](), dict[str, int](), list[str]()
     precision = Precision(signals)
-    for origin, samples in read_samples(source, signals):
-        found = find_episodes(samples.follows, source.min_length)
+    for origin, recorded in read_samples(source, signals):
+        found = find_episodes(recorded, source.min_length)
+        samples = recorded.whole()
         episodes += judge_episodes(
             origin, samples, found, signals, min_length=source.min_length, step_seconds=step_seconds
         )
         if sum(len(each.states) for each in kept) < MOST_SAMPLES:
             kept += stretches(samples, found, signals)
-        outside = sum(out_of_range(samples.values, signals.spec).values())
-        lost = sum(precision.look_at(samples, origin).values())
+        outside = sum(out_of_range(recorded, signals.spec).values())
+        lost = sum(precision.look_at(recorded, origin).values())
         for name, count in (samples.counts | {"out_of_range": outside, "swallowed": lost}).items():
             counts[name] = counts.get(name, 0) + count
         warnings += [f"{origin}: {warning}" for warning in samples.details.get("warnings", [])]

@@ -18,6 +18,7 @@ from addressed_dynamics.base.params.source import (
     SourceParams,
     TableSource,
 )
+from addressed_dynamics.episodes.transitions import Transitions
 from addressed_dynamics.importing.agreement import Agreement
 from addressed_dynamics.importing.lerobot import read_info, read_lerobot
 from addressed_dynamics.importing.mcap_logs import read_mcap
@@ -29,11 +30,11 @@ from addressed_dynamics.importing.ros_bags import bag_files, is_bag, whole_bags
 from addressed_dynamics.importing.samples import (
     EPISODES_PER_FILE,
     Episodes,
-    Samples,
+    Recorded,
     dimension_columns,
     find_episodes,
-    make_transitions,
     out_of_range,
+    transition_blocks,
     with_ends,
     without_offsets,
 )
@@ -73,21 +74,20 @@ def import_logs(source: SourceParams, folder: Path, *, name: str, progress: Call
     )
     counts: dict[str, dict[str, int]] = {}
     details: dict[str, dict[str, Any]] = {}
-    for index, (origin, samples) in enumerate(read_samples(source, signals)):
-        episodes = find_episodes(samples.follows, source.min_length)
-        outside = out_of_range(samples.values, signals.spec)
-        lost = precision.look_at(samples, origin)
-        counts[origin] = samples.counts | _counts(samples, episodes, sum(outside.values()))
-        details[origin] = samples.details | {"out_of_range": outside, "log": None}
+    for index, (origin, recorded) in enumerate(read_samples(source, signals)):
+        episodes = find_episodes(recorded, source.min_length)
+        outside = out_of_range(recorded, signals.spec)
+        lost = precision.look_at(recorded, origin)
+        counts[origin] = recorded.counts | _counts(episodes, sum(outside.values()))
+        details[origin] = recorded.details | {"out_of_range": outside, "log": None}
         if lost:
             counts[origin]["swallowed"] = sum(lost.values())
             details[origin]["swallowed"] = lost
         if episodes.slices:
-            transitions = make_transitions(samples, episodes, signals, index * EPISODES_PER_FILE)
+            transitions = transition_blocks(recorded, episodes, signals, index * EPISODES_PER_FILE)
             log = folder / f"{index:04d}-{Path(origin).stem}.mcap"
-            write_log(log, transitions, run=run, topic=f"/{SEGMENT}")
+            write_log(log, _reported(transitions, progress), run=run, topic=f"/{SEGMENT}")
             details[origin]["log"] = log.name
-            progress(len(transitions))
     names = dict.fromkeys(name for each in counts.values() for name in each)
     totals = {name: sum(each.get(name, 0) for each in counts.values()) for name in names}
     if not totals["episodes"]:
@@ -107,7 +107,7 @@ def wanted_signals(source: SourceParams) -> Signals:
     return signals_of(source, read_info(source).fps if isinstance(source, LerobotSource) else None)
 
 
-def read_samples(source: SourceParams, signals: Signals) -> Iterator[tuple[str, Samples]]:
+def read_samples(source: SourceParams, signals: Signals) -> Iterator[tuple[str, Recorded]]:
     """Yield the samples of each recording, under the name of its first file.
 
     Raises:
@@ -115,11 +115,11 @@ def read_samples(source: SourceParams, signals: Signals) -> Iterator[tuple[str, 
         LogError: as in `import_logs`.
         TableError: as in `import_logs`.
     """
-    for origin, samples in _read(source, signals):
-        yield origin, without_offsets(with_ends(samples, signals), signals)
+    for origin, recorded in _read(source, signals):
+        yield origin, without_offsets(with_ends(recorded, signals), signals)
 
 
-def _read(source: SourceParams, signals: Signals) -> Iterator[tuple[str, Samples]]:
+def _read(source: SourceParams, signals: Signals) -> Iterator[tuple[str, Recorded]]:
     agreement = Agreement()
     match source:
         case McapSource():
@@ -128,11 +128,19 @@ def _read(source: SourceParams, signals: Signals) -> Iterator[tuple[str, Samples
             for files in _recordings(source):
                 yield files[0].as_posix(), read_mcap(files, source, signals, paths, agreement)
         case TableSource():
-            yield from read_tables(_files(source.files), source, signals, agreement)
+            for origin, samples in read_tables(_files(source.files), source, signals, agreement):
+                yield origin, Recorded.of(samples)
         case LerobotSource():
-            yield from read_lerobot(read_info(source), signals, agreement)
+            for origin, samples in read_lerobot(read_info(source), signals, agreement):
+                yield origin, Recorded.of(samples)
         case MinariSource():
-            yield source.dataset, read_minari(source.dataset, signals, agreement)
+            yield source.dataset, Recorded.of(read_minari(source.dataset, signals, agreement))
+
+
+def _reported(blocks: Iterator[Transitions], progress: Callable[[int], object]) -> Iterator[Transitions]:
+    for block in blocks:
+        yield block
+        progress(len(block))
 
 
 def _check_topics(source: McapSource, used: set[str]) -> None:
@@ -169,10 +177,10 @@ def _files(patterns: tuple[str, ...], or_if: Callable[[Path], bool] = Path.is_fi
     return sorted(found, key=natural_order)
 
 
-def _counts(samples: Samples, episodes: Episodes, outside: int) -> dict[str, int]:
+def _counts(episodes: Episodes, outside: int) -> dict[str, int]:
     lengths = [each.stop - each.start for each in episodes.slices]
     return {
-        "samples": len(samples.follows),
+        "samples": sum(lengths) + episodes.short_samples,
         "out_of_range": outside,
         "episodes": len(lengths),
         "short": episodes.short,

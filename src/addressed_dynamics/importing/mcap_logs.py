@@ -2,36 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence, Set
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence, Set
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int64
+from jaxtyping import Float64, Shaped
 
 from addressed_dynamics.base.errors import LogError
 from addressed_dynamics.base.params.source import EpisodeByGap, EpisodeByReset, McapSource
 from addressed_dynamics.importing.agreement import Agreement
-from addressed_dynamics.importing.clock import NONE, TopicTimes, newest, silences, ticks
+from addressed_dynamics.importing.clock import NONE, Follower, Ticks, TopicTimes, ticks
 from addressed_dynamics.importing.paths import FieldPath
-from addressed_dynamics.importing.samples import Samples, usable
+from addressed_dynamics.importing.samples import Recorded, Samples
 from addressed_dynamics.importing.series import TopicReader, TopicSeries, Turns
 from addressed_dynamics.importing.signals import Signals
+from addressed_dynamics.importing.spool import BLOCK_ROWS, Spool
 from addressed_dynamics.importing.topics import read_topics
 
 SUMMED = ("messages", "not_finite", "backwards", "reordered", "unused", "held")
 """Counters of topics that are summed for a recording: messages read, with a value that is not finite, that stood behind
 a later one, with names in another order, and that no tick used; and ticks that used the message of the tick before."""
-BEFORE = np.iinfo(np.int64).min // 2
-"""The time of a message that holds from a part before; a long way from where a time could overflow."""
 FAST = 1.2
 """A clock that ticks so many times as fast as an observed topic speaks repeats its messages."""
 
 
 def read_mcap(
     files: Sequence[Path], source: McapSource, signals: Signals, paths: Sequence[FieldPath], agreement: Agreement
-) -> Samples:
+) -> Recorded:
     """Read the logs of a recording and bring its topics to one clock.
 
     The clock ticks from when all topics have spoken until an observed topic falls silent for good, or the tolerance
@@ -56,29 +56,27 @@ def read_mcap(
         files, signals.all, paths, clock=source.clock, turns=turns, types=source.types, agreement=agreement
     )
     parts, incomplete = _parts(where, [reader.series() for reader in readers], source)
-    on_clock = [_on_clock(where, part, source, signals) for part in parts]
+    samples = Spool(_sample_rows(len(signals.all)))
+    on_clock = [_on_clock(where, part, source, signals, samples) for part in parts]
     topics = {
         reader.topic: _counts(reader, [part.topics[place] for part in on_clock]) for place, reader in enumerate(readers)
     }
     observed = {each.topic for each in parts[0] if _is_observed(each, signals)}
     counts = {name: sum(int(topic[name]) for topic in topics.values()) for name in SUMMED}
     ticks_in_all = sum(len(part.at) for part in on_clock)
-    return Samples(
-        values=np.concatenate([part.values for part in on_clock]),
-        follows=np.concatenate([part.follows for part in on_clock]),
-        time_ns=np.concatenate([part.time_ns for part in on_clock]),
-        terminated=np.zeros(sum(len(part.follows) for part in on_clock), dtype=np.bool_),
+    return Recorded(
+        blocks=partial(_samples, samples),
         counts={
             **counts,
             "joined_files": len(files) - 1,
             "incomplete_parts": incomplete,
             "ticks": ticks_in_all,
-            "late": ticks_in_all - sum(len(part.follows) for part in on_clock),
+            "late": ticks_in_all - len(samples),
         },
         details={
             "files": [path.as_posix() for path in files],
-            "from_ns": int(on_clock[0].at[0]),
-            "to_ns": int(on_clock[-1].at[-1]),
+            "from_ns": on_clock[0].at.start_ns,
+            "to_ns": on_clock[-1].at.last_ns,
             "encodings": {reader.topic: ", ".join(sorted(reader.encodings)) for reader in readers},
             "names": {path: names for reader in readers for path, names in reader.names.items()},
             "topics": topics,
@@ -91,29 +89,31 @@ def read_mcap(
 class _Topic:
     """What became of the messages of a topic in a part of a recording."""
 
-    read: TopicSeries
-    sound: TopicSeries
-    """Those with finite values."""
-    chosen: Int64[np.ndarray, " tick"]
-    """The message that counts at each tick; none is `NONE`."""
-
-    @property
-    def used(self) -> int:
-        """Messages of this part that count at some tick."""
-        used = np.unique(self.chosen[self.chosen != NONE])
-        return int((self.sound.time_ns[used] != BEFORE).sum())
+    series: TopicSeries
+    used: int
+    """Messages of this part that count at some tick."""
+    on_time: int
+    """Ticks at which one counts."""
+    late: int
+    """Ticks at which none does."""
 
 
 @dataclass(frozen=True)
 class _Part:
     """A part of a recording, on one clock."""
 
-    at: Int64[np.ndarray, " tick"]
+    at: Ticks
     topics: tuple[_Topic, ...]
-    values: Float64[np.ndarray, "sample signal"]
-    """The signals at the ticks at which none is late."""
-    follows: Bool[np.ndarray, " sample"]
-    time_ns: Int64[np.ndarray, " sample"]
+
+
+def _sample_rows(signals: int) -> np.dtype[Any]:
+    return np.dtype([("time_ns", np.int64), ("follows", np.bool_), ("values", np.float64, (signals,))])
+
+
+def _samples(samples: Spool) -> Iterator[Samples]:
+    for rows in samples.blocks() if len(samples) else [np.empty(0, samples.row)]:
+        ends = np.zeros(len(rows), dtype=np.bool_)
+        yield Samples(rows["values"], rows["follows"], ends, {}, time_ns=rows["time_ns"])
 
 
 def _parts(
@@ -145,38 +145,58 @@ def _parts(
 
 def _held_on(before: TopicSeries | None, own: TopicSeries | None) -> TopicSeries | None:
     """Let the last message of the parts before hold at the beginning of this one."""
-    if before is None:
+    if before is None or before.last is None:
         return own
-    first = replace(before, time_ns=np.array([BEFORE]), values=before.values[-1:], backwards=0, farthest_back_ns=0)
-    if own is None:
-        return first
-    return replace(
-        own,
-        time_ns=np.concatenate([first.time_ns, own.time_ns]),
-        values=np.concatenate([first.values, own.values]),
-    )
+    series = own or TopicSeries(before.topic, before.signals, before.rows)
+    series.hold(before.last)
+    return series
 
 
-def _on_clock(where: str, series: Sequence[TopicSeries], source: McapSource, signals: Signals) -> _Part:
+def _on_clock(where: str, series: Sequence[TopicSeries], source: McapSource, signals: Signals, samples: Spool) -> _Part:
+    """Bring the topics of a part to one clock, and add its samples to those of the parts before."""
     ages = [source.longest_age_ns(each.topic) for each in series]
     for each, age in zip(series, ages, strict=True):
         _check_order(where, each, round(source.tolerance_s * 1e9) if age is None else age)
-    sound = [_finite(where, each) for each in series]
-    ages = [None if set(each.signals) == {signals.label_column} else age for each, age in zip(sound, ages, strict=True)]
-    at = ticks(where, [_times(each, signals, age) for each, age in zip(sound, ages, strict=True)], source.rate_hz)
-    chosen = [newest(at, each.time_ns, age) for each, age in zip(sound, ages, strict=True)]
-    on_time = np.all([each != NONE for each in chosen], axis=0)
-    values = np.full((len(at), len(signals.all)), np.nan)
-    for each, messages in zip(sound, chosen, strict=True):
-        values[:, list(each.signals)] = each.values[messages]
-    breaks = np.append(True, ~on_time[:-1]) | _label_changes(values, signals)
-    if isinstance(source.episode, EpisodeByGap):
+    for each in series:
+        _check_finite(where, each)
+    ages = [
+        None if set(each.signals) == {signals.label_column} else age for each, age in zip(series, ages, strict=True)
+    ]
+    at = ticks(where, [_times(each, signals, age) for each, age in zip(series, ages, strict=True)], source.rate_hz)
+    followers = [_follower(each, age, source, signals) for each, age in zip(series, ages, strict=True)]
+    on_time_before, marks_before = np.zeros(1, dtype=np.bool_), np.full((1, len(series) + 1), np.nan)
+    for block in at.blocks(BLOCK_ROWS):
+        newest = [each.at(block) for each in followers]
+        on_time = np.all([each["number"] != NONE for each in newest], axis=0)
+        rows = np.empty(len(block), _sample_rows(len(signals.all)))
+        rows["time_ns"] = block
+        for each, messages in zip(series, newest, strict=True):
+            rows["values"][:, list(each.signals)] = messages["values"]
+        marks = _marks(newest, rows["values"], signals)
+        alike = (marks == np.concatenate([marks_before, marks[:-1]])).all(axis=1)
+        rows["follows"] = alike & np.append(on_time_before, on_time[:-1])
+        samples.append(rows[on_time])
+        on_time_before, marks_before = on_time[-1:], marks[-1:]
+    topics = tuple(
+        _Topic(each, follower.used, len(at) - follower.late, follower.late)
+        for each, follower in zip(series, followers, strict=True)
+    )
+    return _Part(at, topics)
+
+
+def _follower(series: TopicSeries, age: int | None, source: McapSource, signals: Signals) -> Follower:
+    longest_ns = None
+    if isinstance(source.episode, EpisodeByGap) and _is_observed(series, signals):
         longest_ns = round(source.episode.seconds * 1e9)
-        for each, messages in zip(sound, chosen, strict=True):
-            if _is_observed(each, signals):
-                breaks |= silences(messages, each.time_ns, longest_ns)
-    topics = tuple(_Topic(*each) for each in zip(series, sound, chosen, strict=True))
-    return _Part(at, topics, values[on_time], ~breaks[on_time], at[on_time])
+    return Follower(series.messages(), len(series.signals), held=series.held, tolerance_ns=age, longest_ns=longest_ns)
+
+
+def _marks(
+    newest: Sequence[Shaped[np.ndarray, " tick"]], values: Float64[np.ndarray, "tick signal"], signals: Signals
+) -> Float64[np.ndarray, "tick mark"]:
+    """Return what stays the same within an episode: the silences of each topic so far, and the label."""
+    label = np.zeros(len(values)) if signals.label_column is None else values[:, signals.label_column]
+    return np.column_stack([*(each["silences"] for each in newest), label])
 
 
 def _check_order(where: str, series: TopicSeries, tolerance_ns: int) -> None:
@@ -189,19 +209,17 @@ def _check_order(where: str, series: TopicSeries, tolerance_ns: int) -> None:
         raise LogError(message)
 
 
-def _finite(where: str, series: TopicSeries) -> TopicSeries:
-    kept = usable(series.values)
-    if kept.all():
-        return series
-    if not kept.any():
-        message = f"{where}: none of the {len(kept)} messages of topic {series.topic} has a finite value in all fields"
-        if np.isfinite(series.values).any(axis=0).all():
-            message += (
-                "; each field has one in some message, so several programs seem to write to the topic: take the fields "
-                "of one of them, or record them on topics of their own"
-            )
-        raise LogError(message)
-    return replace(series, time_ns=series.time_ns[kept], values=series.values[kept])
+def _check_finite(where: str, series: TopicSeries) -> None:
+    if series.finite or series.held is not None:
+        return
+    messages = f"{series.not_finite} messages of topic {series.topic}"
+    message = f"{where}: none of the {messages} has a finite value in all fields"
+    if series.spoken.all():
+        message += (
+            "; each field has one in some message, so several programs seem to write to the topic: take the fields "
+            "of one of them, or record them on topics of their own"
+        )
+    raise LogError(message)
 
 
 def _is_observed(series: TopicSeries, signals: Signals) -> bool:
@@ -211,32 +229,23 @@ def _is_observed(series: TopicSeries, signals: Signals) -> bool:
 def _times(series: TopicSeries, signals: Signals, age: int | None) -> TopicTimes:
     # An observation that is held at the end of a log would be a state that nobody saw; a command does hold.
     holds = 0 if _is_observed(series, signals) and age is not None else age
-    ends = np.iinfo(np.int64).max if holds is None else int(series.time_ns[-1]) + holds
-    return TopicTimes(series.topic, series.time_ns, int(ends))
-
-
-def _label_changes(values: Float64[np.ndarray, "tick signal"], signals: Signals) -> Bool[np.ndarray, " tick"]:
-    if signals.label_column is None:
-        return np.zeros(len(values), dtype=np.bool_)
-    label = values[:, signals.label_column]
-    return np.append(True, label[1:] != label[:-1])
+    ends = int(np.iinfo(np.int64).max) if holds is None else series.last_ns + holds
+    return TopicTimes(series.topic, series.first_ns, series.last_ns, ends)
 
 
 def _counts(reader: TopicReader, topics: Sequence[_Topic]) -> dict[str, Any]:
     """Say what became of the messages of a topic in all parts."""
-    not_finite = sum(len(each.read.time_ns) - len(each.sound.time_ns) for each in topics)
-    used = sum(each.used for each in topics)
-    on_time = sum(int((each.chosen != NONE).sum()) for each in topics)
-    rates = [rate for each in topics if (rate := each.sound.rate_hz) is not None]
+    not_finite, used = sum(each.series.not_finite for each in topics), sum(each.used for each in topics)
+    rates = [rate for each in topics if (rate := each.series.rate_hz) is not None]
     return {
         "messages": len(reader),
         "not_finite": not_finite,
-        "backwards": sum(each.read.backwards for each in topics),
+        "backwards": sum(each.series.backwards for each in topics),
         "reordered": reader.reordered,
         "used": used,
         "unused": len(reader) - not_finite - used,
-        "held": on_time - used,
-        "late": sum(int((each.chosen == NONE).sum()) for each in topics),
+        "held": sum(each.on_time for each in topics) - used,
+        "late": sum(each.late for each in topics),
         "measured_hz": float(np.median(rates)) if rates else None,
     }
 

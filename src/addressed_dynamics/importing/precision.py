@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import reduce
 
 import numpy as np
 
 from addressed_dynamics.base.errors import TableError
 from addressed_dynamics.episodes.precision import Swallowed, swallowed
-from addressed_dynamics.importing.samples import Samples, dimension_columns
+from addressed_dynamics.importing.samples import Recorded, dimension_columns
 from addressed_dynamics.importing.signals import Signals
 
 
@@ -26,14 +27,17 @@ class Precision:
         self._total = Swallowed(nothing, nothing)
         self._first: dict[str, tuple[str, float]] = {}
 
-    def look_at(self, samples: Samples, origin: str) -> dict[str, int]:
+    def look_at(self, recorded: Recorded, origin: str) -> dict[str, int]:
         """Count the steps of a file that are lost, by dimension; zeros left out."""
-        values = samples.values[:, [each.column for each in self._dimensions]]
-        found = swallowed(values, samples.follows)
+        columns = [each.column for each in self._dimensions]
+        found = reduce(
+            Swallowed.merge, (swallowed(each.values[:, columns], each.follows) for each in recorded.overlapping())
+        )
         self._total = self._total.merge(found)
-        for each, column, count in zip(self._dimensions, values.T, found.lost, strict=True):
-            if count:
-                self._first.setdefault(each.name, (origin, float(np.median(column))))
+        for each, count in zip(self._dimensions, found.lost, strict=True):
+            if count and each.name not in self._first:
+                column = np.concatenate([block.values[:, each.column] for block in recorded.blocks()])
+                self._first[each.name] = (origin, float(np.median(column)))
         return {each.name: int(count) for each, count in zip(self._dimensions, found.lost, strict=True) if count}
 
     def refuse_swallowed(self) -> None:

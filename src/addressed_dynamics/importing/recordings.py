@@ -50,7 +50,7 @@ def _span(files: Recording) -> tuple[int, int] | None:
 
 def _mcap_span(path: Path) -> tuple[int, int] | None:
     """Return the first and the last log time in a file; None if there is none, or it is damaged."""
-    first, last = [], []
+    first, last = 2**64, -1
     try:
         with path.open("rb") as file:
             for frame in frames(Source(file), len(MAGIC)):
@@ -58,10 +58,9 @@ def _mcap_span(path: Path) -> tuple[int, int] | None:
                 offset, until = {Opcode.CHUNK: (0, 16), Opcode.MESSAGE: (6, 14)}.get(Opcode(frame.opcode), (0, 0))
                 times = [int.from_bytes(frame.body[at : at + 8], "little") for at in range(offset, until, 8)]
                 if any(times):
-                    first.append(times[0])
-                    last.append(times[-1])
+                    first, last = min(first, times[0]), max(last, times[-1])
                 if frame.opcode == Opcode.DATA_END:
                     break
     except (Damage, OSError, ValueError):
         return None
-    return (min(first), max(last)) if first else None
+    return (first, last) if last >= 0 else None

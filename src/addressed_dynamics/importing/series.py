@@ -4,19 +4,24 @@ from __future__ import annotations
 
 import struct
 from array import array
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Float64, Int64, Shaped
 from mcap.records import Channel, Schema
 
 from addressed_dynamics.base.errors import LogError
 from addressed_dynamics.importing.agreement import Agreement
 from addressed_dynamics.importing.arrays import Arrays
+from addressed_dynamics.importing.clock import BEFORE, message_rows
 from addressed_dynamics.importing.decoding import ZSTANDARD, Decode, decoder_for, reason, unpacked
+from addressed_dynamics.importing.median import median
 from addressed_dynamics.importing.paths import FieldPath, Label, MissingField, listed_fields, look_up, shown
+from addressed_dynamics.importing.samples import usable
 from addressed_dynamics.importing.signals import Signal
+from addressed_dynamics.importing.spool import BLOCK_ROWS, Spool
 from addressed_dynamics.importing.stamps import own_time
 from addressed_dynamics.logs.container import MessageRun
 
@@ -29,26 +34,100 @@ _HEADER = struct.Struct("<BQHIQQ")
 # Opcode, length, channel, sequence, log time and publish time: `MESSAGE_HEADER` for one message at a time.
 
 
-@dataclass(frozen=True)
+@dataclass
 class TopicSeries:
-    """The values of a topic's signals in a part of a recording, in order of time."""
+    """The messages of a topic in a part of a recording; those with a value that is not finite are only counted."""
 
     topic: str
     signals: tuple[int, ...]
-    """Which signals these are, by their place in `Signals.all`."""
-    time_ns: Int64[np.ndarray, " message"]
-    values: Float64[np.ndarray, "message signal"]
-    backwards: int
+    """Which signals their values are, by their place in `Signals.all`."""
+    rows: Spool
+    """Where they are, as `message_rows`, in the order of the file."""
+    start: int = 0
+    """The first row of this part."""
+    finite: int = 0
+    """Rows of this part."""
+    not_finite: int = 0
+    backwards: int = 0
     """Messages that stood in the file after a later one."""
-    farthest_back_ns: int
+    farthest_back_ns: int = 0
     """How much later, at most."""
+    first_ns: int = LATEST
+    """The earliest time; that of `held` if there is one."""
+    last_ns: int = BEFORE
+    """The latest time; that of `held` if there is no other."""
+    last: Float64[np.ndarray, " signal"] | None = None
+    """The values of the last message in order of time."""
+    held: Float64[np.ndarray, " signal"] | None = None
+    """The values of the last message of the parts before, if it holds on."""
+    _latest_ns: int = BEFORE
+
+    def __post_init__(self) -> None:
+        self.spoken = np.zeros(len(self.signals), dtype=np.bool_)
+        """The signals that have a finite value in some message."""
+
+    def add(self, time_ns: Int64[np.ndarray, " message"], values: Float64[np.ndarray, "message signal"]) -> None:
+        """Take up messages in the order of the file, at least one."""
+        latest = np.maximum.accumulate(np.append(self._latest_ns, time_ns))
+        behind = latest[1:] - time_ns
+        self._latest_ns = int(latest[-1])
+        self.backwards += int((behind > 0).sum())
+        self.farthest_back_ns = max(self.farthest_back_ns, int(behind.max()))
+        self.spoken |= np.isfinite(values).any(axis=0)
+        kept = usable(values)
+        self.not_finite += int((~kept).sum())
+        if kept.any():
+            rows = np.empty(int(kept.sum()), message_rows(len(self.signals)))
+            rows["time_ns"], rows["values"] = time_ns[kept], values[kept]
+            self._append(rows)
+
+    def hold(self, last: Float64[np.ndarray, " signal"]) -> None:
+        """Let the last message of the parts before, which has these values, hold at the beginning of this one."""
+        self.held, self.first_ns = last, BEFORE
+        self.last = last if self.last is None else self.last
+
+    def messages(self) -> Iterator[Shaped[np.ndarray, " message"]]:
+        """Yield the messages in order of time, as `message_rows`; of those with the same time, in that of the file."""
+        blocks = self.rows.blocks(self.start, self.start + self.finite)
+        return _in_order(blocks, self.farthest_back_ns) if self.backwards else blocks
 
     @property
     def rate_hz(self) -> float | None:
         """Messages a second, from the median of the times between them; None with fewer than two times."""
-        periods = np.diff(self.time_ns)
-        periods = periods[periods > 0]
-        return 1e9 / float(np.median(periods)) if len(periods) else None
+        period_ns = median(self._periods)
+        return None if period_ns is None else 1e9 / period_ns
+
+    def _append(self, rows: Shaped[np.ndarray, " message"]) -> None:
+        self.rows.append(rows)
+        self.finite += len(rows)
+        latest = int(rows["time_ns"].max())
+        if latest >= self.last_ns:
+            self.last_ns = latest
+            self.last = rows["values"][np.flatnonzero(rows["time_ns"] == latest)[-1]].copy()
+        self.first_ns = min(self.first_ns, int(rows["time_ns"].min()))
+
+    def _periods(self) -> Iterator[Int64[np.ndarray, " period"]]:
+        last_ns = None
+        for block in self.messages():
+            if len(block):
+                periods = np.diff(block["time_ns"], prepend=block["time_ns"][0] if last_ns is None else last_ns)
+                last_ns = block["time_ns"][-1]
+                yield periods[periods > 0]
+
+
+def _in_order(
+    blocks: Iterable[Shaped[np.ndarray, " message"]], farthest_back_ns: int
+) -> Iterator[Shaped[np.ndarray, " message"]]:
+    """Sort messages by time, in memory for a block and for those that may still come before what is waiting."""
+    waiting: Shaped[np.ndarray, " message"] | None = None
+    for block in blocks:
+        waiting = block if waiting is None else np.concatenate([waiting, block])
+        waiting = waiting[np.argsort(waiting["time_ns"], kind="stable")]
+        ready = int(np.searchsorted(waiting["time_ns"], waiting["time_ns"][-1] - farthest_back_ns, side="right"))
+        yield waiting[:ready]
+        waiting = waiting[ready:]
+    if waiting is not None:
+        yield waiting
 
 
 class Turns:
@@ -77,7 +156,7 @@ class Turns:
 
 
 class TopicReader:
-    """Decodes the messages of a topic and keeps the numbers that are wanted, eight bytes each.
+    """Decodes the messages of a topic and keeps the numbers that are wanted, on disk if there are many.
 
     Args:
         topic: the topic.
@@ -91,13 +170,16 @@ class TopicReader:
         self._arrays = Arrays(topic, agreement)
         self._wanted: list[tuple[int, FieldPath, Signal]] = []
         self._decoders: dict[int, Decode] = {}
-        self._time_ns, self._parts, self._values = array("q"), array("q"), array("d")
+        self._time_ns, self._values = array("q"), array("d")
+        self._part, self._series = 0, dict[int, TopicSeries]()
+        self._rows: Spool | None = None
+        self._stamped = False
         self._in_file = 0
         self.encodings = set[str]()
         """How its messages are encoded."""
 
     def __len__(self) -> int:
-        return len(self._time_ns)
+        return len(self._time_ns) + sum(each.finite + each.not_finite for each in self._series.values())
 
     @property
     def topic(self) -> str:
@@ -147,56 +229,54 @@ class TopicReader:
                 stamp = self._own_time(stamp, decoded)
             if not 0 <= stamp <= LATEST:
                 raise self._refused(stamp, "is later than the year 2262; its time is damaged, so record it again")
+            if self._turns.active and (part := self._turns.part(stamp)) != self._part:
+                self._set_aside()
+                self._part = part
             self._arrays.begin(f"message {self._in_file} of {self._where}")
             for _, path, signal in self._wanted:
                 self._values.append(self._number(stamp, decoded, path, signal))
             self._time_ns.append(stamp)
-            if self._turns.active:
-                self._parts.append(self._turns.part(stamp))
             self._in_file += 1
+        if len(self._time_ns) >= BLOCK_ROWS:
+            self._set_aside()
 
     def series(self) -> dict[int, TopicSeries]:
         """Return what was taken up, of which there is some, for each part of the recording that has some."""
-        # No copies: there may be many millions of messages.
-        time_ns, parts = np.frombuffer(self._time_ns, dtype=np.int64), np.frombuffer(self._parts, dtype=np.int64)
-        values = np.frombuffer(self._values, dtype=np.float64).reshape(len(time_ns), len(self._wanted))
-        if self._clock == "header" and not time_ns.any():
+        self._set_aside()
+        if self._clock == "header" and not self._stamped:
             message = (
                 f"{self._where}: all messages of topic {self._topic} say that their time is 0, which nobody set; "
                 "give the topic another 'time' under 'topics'"
             )
             raise LogError(message)
-        self._check_names(values)
-        if not self._turns.active:
-            return {0: self._series(time_ns, values)}
-        return {int(part): self._series(time_ns[parts == part], values[parts == part]) for part in np.unique(parts)}
+        self._check_names()
+        return self._series
 
-    def _check_names(self, values: Float64[np.ndarray, "message signal"]) -> None:
+    def _check_names(self) -> None:
         """Refuse a name that stands beside no array."""
-        for (_, path, _), column in zip(self._wanted, values.T, strict=True):
+        spoken = np.any([each.spoken for each in self._series.values()], axis=0)
+        for (_, path, _), found in zip(self._wanted, spoken, strict=True):
             named = [step.name for step in path.steps if isinstance(step, Label)]
-            if not np.isfinite(column).any() and not set(named) <= set(self._arrays.seen):
+            if not found and not set(named) <= set(self._arrays.seen):
                 message = (
                     f"{self._where}: topic {self._topic} has no field '{shown(path.steps).lstrip('.')}'; the names "
                     f"beside the array are: {', '.join(self._arrays.seen)}"
                 )
                 raise LogError(message)
 
-    def _series(
-        self, time_ns: Int64[np.ndarray, " message"], values: Float64[np.ndarray, "message signal"]
-    ) -> TopicSeries:
-        behind = np.maximum.accumulate(time_ns) - time_ns
-        if behind.any():
-            order = np.argsort(time_ns, kind="stable")
-            time_ns, values = time_ns[order], values[order]
-        return TopicSeries(
-            topic=self._topic,
-            signals=tuple(place for place, _, _ in self._wanted),
-            time_ns=time_ns,
-            values=values,
-            backwards=int((behind > 0).sum()),
-            farthest_back_ns=int(behind.max()),
-        )
+    def _set_aside(self) -> None:
+        if not self._time_ns:
+            return
+        time_ns = np.array(self._time_ns, dtype=np.int64)
+        values = np.array(self._values, dtype=np.float64).reshape(len(time_ns), len(self._wanted))
+        self._time_ns, self._values = array("q"), array("d")
+        self._stamped |= bool(time_ns.any())
+        if self._rows is None:
+            self._rows = Spool(message_rows(len(self._wanted)))
+        if self._part not in self._series:
+            signals = tuple(place for place, _, _ in self._wanted)
+            self._series[self._part] = TopicSeries(self._topic, signals, self._rows, start=len(self._rows))
+        self._series[self._part].add(time_ns, values)
 
     def _new_decoder(self, channel: Channel, schema: Schema | None) -> Decode:
         self.encodings.add(channel.message_encoding)
