@@ -1,6 +1,7 @@
 """What is found in logs that nobody described, and which section `source` is proposed for them."""
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -332,6 +333,20 @@ def test_dimensions_have_names_that_a_log_can_hold_whatever_the_fields_are_calle
     proposal = propose(look_at(find_logs([Path("a.csv")])), ["a.csv"], Wishes(rate_hz=20.0))
     assert list(proposal.source["observation"]) == [name]
     assert assess(source_params(proposal.source)).transitions == 59
+
+
+def test_what_cannot_be_an_action_or_a_name_is_refused_in_a_line() -> None:
+    table = {"q": [i * i % 7 for i in range(60)], "u": [i % 3 for i in range(60)]}
+    words = {"few": ["go" if i % 3 else "stop" for i in range(60)], "many": [f"w{i % 13}" for i in range(60)]}
+    polars.DataFrame(table | words).write_csv("a.csv")
+    look = look_at(find_logs([Path("a.csv")]))
+    for wishes, what in (
+        ({"action": ("few", "u")}, "but one of words, such as 'few', has no other one beside it"),
+        ({"action": ("many",)}, "'many' has more than 12 different texts"),
+        ({"observation": ("größe=q",)}, "'größe' cannot be the name of a dimension; give letters, digits and _"),
+    ):
+        with pytest.raises(ParamsError, match=re.escape(what)):
+            propose(look, ["a.csv"], Wishes(rate_hz=20.0, **wishes))
 
 
 def test_categories_are_texts() -> None:

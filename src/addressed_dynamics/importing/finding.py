@@ -6,6 +6,7 @@ import os
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from glob import escape
 from pathlib import Path
 
 from addressed_dynamics.base.errors import LogError
@@ -92,13 +93,14 @@ def _inside(path: Path) -> list[Path]:
 
 
 def _patterns(path: Path, files: Sequence[Path]) -> list[str]:
+    shown = escape(_shown(path))
     if not path.is_dir() or is_bag(path):
-        return [_shown(path)]
-    bags = [f"{_shown(path)}/**/{METADATA}"] if any(is_bag(file.parent) for file in files) else []
+        return [shown]
+    bags = [f"{shown}/**/{METADATA}"] if any(is_bag(file.parent) for file in files) else []
     loose = [file for file in files if not is_bag(file.parent)]
     deep = any(file.parent != path for file in loose)
     suffixes = dict.fromkeys(file.suffix for file in loose)
-    return [*bags, *(f"{_shown(path)}/{'**/' if deep else ''}*{suffix}" for suffix in suffixes)]
+    return [*bags, *(f"{shown}/{'**/' if deep else ''}*{suffix}" for suffix in suffixes)]
 
 
 def _common(paths: Sequence[Path]) -> Path:

@@ -29,7 +29,7 @@ DEEPEST = 6
 MOST_VALUES = 4_000
 """So many messages of a topic are decoded, about evenly spread: twice as many at most."""
 MOST_TEXTS = 12
-"""So many different texts of a field are kept."""
+"""So many different texts of a field are kept, and one more, which says that there are more."""
 
 _UNIT = re.compile(r".*[\[(]([^\[\]()]*[^\d\[\]()][^\[\]()]*)[\])]\s*")
 
@@ -98,6 +98,7 @@ class Look:
     kind: Literal["mcap", "csv", "parquet", "minari", "lerobot"]
     """The kind of source that reads them."""
     files: tuple[Path, ...]
+    """All files, of tables also those that were not looked at."""
     fields: tuple[Field, ...]
     """In the order in which they were found."""
     stamps: tuple[Stamps, ...] = ()
@@ -106,6 +107,8 @@ class Look:
     """Topics that cannot be read, and why."""
     clock: dict[str, Any] | None = None
     """The key `clock` of a table that has a column with the time, or one that counts its rows."""
+    looked_at: int | None = None
+    """Files that were looked at, if not all."""
     options: dict[str, Any] = data_field(default_factory=dict)
     """Keys that say how a CSV file is written, and what types there are beside a log."""
 
@@ -252,7 +255,7 @@ class _Topic:
 def _take(found: Field, value: Any, seen: int) -> None:
     found.values.extend([np.nan] * (seen - len(found.values)))
     if isinstance(value, str):
-        if value in found.texts or len(found.texts) < MOST_TEXTS:
+        if value in found.texts or len(found.texts) <= MOST_TEXTS:
             found.texts[value] = found.texts.get(value, 0) + 1
         found.values.append(np.nan)
     else:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from addressed_dynamics.base.errors import ParamsError
-from addressed_dynamics.importing.looking import Field, Look, unit_in
+from addressed_dynamics.importing.looking import MOST_TEXTS, Field, Look, unit_in
 from addressed_dynamics.importing.paths import Label, Step, expand_slice, parse_path
 
 ACTION_WORDS = frozenset(
@@ -36,6 +36,9 @@ FLOAT32 = 2.0**-23
 """Part of a number below which float32 does not see a change of it."""
 LATE = 1.5
 """Periods of a topic after which its newest value no longer holds."""
+
+
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 
 @dataclass(frozen=True)
@@ -123,6 +126,9 @@ def _chosen(look: Look, wishes: Iterable[str]) -> dict[str, Field]:
     found: dict[str, Field] = {}
     for wish in wishes:
         name, _, text = wish.rpartition("=")
+        if name and not _NAME.fullmatch(name.strip()):
+            message = f"'{name.strip()}' cannot be the name of a dimension; give letters, digits and _, a letter first"
+            raise ParamsError(message)
         fields = _matching(look, text.strip())
         for number, each in enumerate(fields):
             own = _unused(_name(each.field, look), found) if not name else name.strip()
@@ -166,7 +172,7 @@ def _special(look: Look, wishes: Wishes, taken: set[str], draft: _Draft) -> dict
 def _guessed_actions(look: Look, taken: set[str], draft: _Draft) -> dict[str, Field]:
     candidates = [each for each in look.fields if each.field not in taken and _words(each.field) & ACTION_WORDS]
     numbers = [each for each in candidates if each.is_number and not each.constant and _may_be_state(each)]
-    texts = [each for each in candidates if len(each.texts) > 1]
+    texts = [each for each in candidates if 1 < len(each.texts) <= MOST_TEXTS]
     found = numbers or texts[:1]
     if not found:
         draft.unknown.append("action")
@@ -288,6 +294,15 @@ def _offset(each: Field) -> float:
 
 def _action(fields: Mapping[str, Field], draft: _Draft) -> dict[str, Any]:
     texts = [each for each in fields.values() if each.texts]
+    if texts and len(fields) > 1:
+        message = (
+            f"the action would be {', '.join(each.field for each in fields.values())}, but one of words, such as "
+            f"'{texts[0].field}', has no other one beside it; give one --action, or numbers alone"
+        )
+        raise ParamsError(message)
+    if texts and len(texts[0].texts) > MOST_TEXTS:
+        message = f"'{texts[0].field}' has more than {MOST_TEXTS} different texts; an action of words is one of few"
+        raise ParamsError(message)
     if texts:
         return {"discrete": {"field": texts[0].field, "names": sorted(texts[0].texts)}}
     return {"continuous": _dimensions(fields, draft)}
