@@ -63,6 +63,7 @@ def read_mcap(
     observed = {each.topic for each in parts[0] if _is_observed(each, signals)}
     counts = {name: sum(int(topic[name]) for topic in topics.values()) for name in SUMMED}
     ticks_in_all = sum(len(part.at) for part in on_clock)
+    decompressed = sum(reader.decompressed for reader in readers)
     return Samples(
         values=np.concatenate([part.values for part in on_clock]),
         follows=np.concatenate([part.follows for part in on_clock]),
@@ -70,6 +71,7 @@ def read_mcap(
         terminated=np.zeros(sum(len(part.follows) for part in on_clock), dtype=np.bool_),
         counts={
             **counts,
+            **({"decompressed": decompressed} if decompressed else {}),
             "joined_files": len(files) - 1,
             "incomplete_parts": incomplete,
             "ticks": ticks_in_all,
@@ -194,12 +196,18 @@ def _finite(where: str, series: TopicSeries) -> TopicSeries:
     if kept.all():
         return series
     if not kept.any():
-        message = f"{where}: none of the {len(kept)} messages of topic {series.topic} has a finite value in all fields"
+        what = (
+            "see whether something is always missing, or other names stand beside its arrays than in the first file"
+        )
         if np.isfinite(series.values).any(axis=0).all():
-            message += (
-                "; each field has one in some message, so several programs seem to write to the topic: take the fields "
+            what = (
+                "each field has one in some message, so several programs seem to write to the topic: take the fields "
                 "of one of them, or record them on topics of their own"
             )
+        message = (
+            f"{where}: none of the {len(kept)} messages of topic {series.topic} has a finite value in all fields; "
+            f"{what}"
+        )
         raise LogError(message)
     return replace(series, time_ns=series.time_ns[kept], values=series.values[kept])
 
