@@ -219,3 +219,16 @@ def test_files_in_which_nothing_can_be_read_are_refused_with_the_reason(
     status, _, err = run(capsys, monkeypatch, "new", "arm", "a.mcap", "--yes")
     assert (status, err.count("\n")) == (1, 1)
     assert "a.mcap: there is nothing in the files that could be imported (Expecting property name" in err
+
+
+@pytest.mark.parametrize("command", ["inspect", "new"])
+def test_a_folder_that_nobody_may_look_into_is_named(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, command: str
+) -> None:
+    def refuse(_: Path) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("os.listdir", refuse)
+    status, out, err = run(capsys, monkeypatch, command, *(["arm"] if command == "new" else []), str(folder / "bags"))
+    assert (status, out) == (1, "")
+    assert err == f"error: {folder}/bags: it cannot be read (Permission denied); ask whoever owns it, or copy it\n"

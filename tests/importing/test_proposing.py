@@ -371,3 +371,18 @@ def test_the_report_explains_the_counters_of_logs_and_of_tables() -> None:
     assert (
         {"reordered", "joined_files", "incomplete_parts", "repeated", "off_rate"} <= counted.keys() <= COUNTERS.keys()
     )
+
+
+def test_a_state_does_not_hold_through_the_pauses_between_episodes_but_a_command_does() -> None:
+    messages: list[Any] = []
+    for i in range(15 * 30):
+        at = SECOND * (100 + 10 * (i // 30)) + i % 30 * SECOND // 10
+        messages.append(("/q", at, {"x": i * i % 7}))
+        if i % 30 < 20 and i % 4 == 0:
+            messages.append(("/cmd", at, {"data": i % 3}))
+    proposal = proposed(looked(a=json_log(messages)))
+    assert proposal.source["tolerance_s"] == 0.15
+    assert proposal.source["topics"]["/cmd"]["tolerance_s"] > 1.0
+    assessment = assess(source_params(proposal.source | {"rate_hz": 10.0}))
+    assert len(assessment.episodes) == 15
+    assert max(each.samples for each in assessment.episodes) <= 31

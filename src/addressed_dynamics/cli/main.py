@@ -27,7 +27,7 @@ from addressed_dynamics.cli.new import (
 from addressed_dynamics.cli.params_view import params_lines
 from addressed_dynamics.cli.source_keys import source_keys
 from addressed_dynamics.cli.terminal import file_view, folder_view
-from addressed_dynamics.importing.finding import find_logs
+from addressed_dynamics.importing.finding import check_there, find_logs
 from addressed_dynamics.importing.proposing import Wishes
 from addressed_dynamics.logs import RecoveryReport, recover_log
 
@@ -225,6 +225,8 @@ def _console() -> Console:
 def _inspected(paths: list[Path], wishes: Wishes) -> tuple[dict[str, Any], list[RenderableType], bool]:
     """Return what there is as JSON-compatible values and for the terminal, and whether some of it is damaged."""
     document, views = dict[str, Any](), list[RenderableType]()
+    for path in paths:
+        check_there(path)
     path, logs = paths[0], is_of_logs(paths)
     if logs:
         inspection = Inspection(tuple(inspect_file(file) for path in paths for file in log_files(path)))

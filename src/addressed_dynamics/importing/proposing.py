@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from addressed_dynamics.base.errors import ParamsError
-from addressed_dynamics.importing.looking import MOST_TEXTS, Field, Look, unit_in
+from addressed_dynamics.importing.looking import MOST_TEXTS, Field, Look, longest_silence, unit_in
 from addressed_dynamics.importing.paths import Label, Step, expand_slice, parse_path
 
 ACTION_WORDS = frozenset(
@@ -211,9 +211,11 @@ def _timing(
     rate = timing.get("rate_hz", 1.0)
     if look.kind == "mcap":
         timing["tolerance_s"] = max(
-            [_age(each) for each in chosen["observation"].values()], default=_rounded(LATE / rate)
+            [_age(each, each.late_s) for each in chosen["observation"].values()], default=_rounded(LATE / rate)
         )
-        topics = _topics([each for fields in chosen.values() for each in fields.values()], timing["tolerance_s"])
+        others = [each for role in ("action", "exogenous") for each in chosen[role].values()]
+        observed = {each.topic for each in chosen["observation"].values()}
+        topics = _topics([each for each in others if each.topic not in observed], timing["tolerance_s"])
         timing |= {"topics": topics} if topics else {}
     elif look.clock is not None:
         timing["clock"] = look.clock
@@ -242,19 +244,19 @@ def _rate(chosen: Mapping[str, Mapping[str, Field]], wishes: Wishes, draft: _Dra
 
 
 def _topics(fields: Sequence[Field], tolerance_s: float) -> dict[str, dict[str, Any]]:
-    """Give topics that speak more seldom than the clock ticks a tolerance of their own."""
+    """Give commands that speak more seldom than the clock ticks a tolerance of their own."""
     topics: dict[str, dict[str, Any]] = {}
     for each in fields:
         if each.total <= 2 or each.rate_hz is None:
             topics[each.topic] = {"hold": True}
-        elif _age(each) > tolerance_s:
-            topics[each.topic] = {"tolerance_s": _age(each)}
+        elif _age(each, each.silent_s) > tolerance_s:
+            topics[each.topic] = {"tolerance_s": _age(each, each.silent_s)}
     return topics
 
 
-def _age(each: Field) -> float:
+def _age(each: Field, late_s: float) -> float:
     """Return how old the newest value of a field usually gets, in seconds."""
-    return _rounded(max(LATE / each.rate_hz, each.late_s)) if each.rate_hz else 0.0
+    return _rounded(max(LATE / each.rate_hz, late_s)) if each.rate_hz else 0.0
 
 
 def _episode(look: Look, special: Mapping[str, str], wishes: Wishes, rate: float, draft: _Draft) -> dict[str, Any]:
@@ -266,7 +268,7 @@ def _episode(look: Look, special: Mapping[str, str], wishes: Wishes, rate: float
     if look.kind != "mcap" and {"terminated", "truncated"} & set(special):
         return {"by": "end"}
     if look.kind == "mcap":
-        seconds = _rounded(max(1.0, 10 / rate))
+        seconds = _rounded(longest_silence(rate))
         draft.guessed.append(f"episodes: a silence of {seconds:g} s ends one")
         return {"by": "gap", "seconds": seconds}
     draft.guessed.append("episodes: a file is one")
