@@ -290,6 +290,7 @@ def test_tables_without_a_state_are_no_reason_to_fail() -> None:
     proposal = propose(look_at(find_logs([Path("a.csv")])), ["a.csv"], Wishes())
     assert proposal.unknown == ("observation",)
     assert proposal.source["rate_hz"] == 20.0
+    assert "clock: t in s, for its name; gaps end episodes" in proposal.guessed
 
 
 def test_values_that_float32_cannot_tell_apart_get_an_offset() -> None:

@@ -84,7 +84,7 @@ def read_mcap(
             "encodings": {reader.topic: ", ".join(sorted(reader.encodings)) for reader in readers},
             "names": {path: names for reader in readers for path, names in reader.names.items()},
             "topics": topics,
-            "warnings": _warnings(topics, observed, source.rate_hz),
+            "warnings": [*_warnings(topics, observed, source.rate_hz), *_held_too_long(observed, source)],
         },
     )
 
@@ -247,6 +247,19 @@ def _counts(reader: TopicReader, topics: Sequence[_Topic]) -> dict[str, Any]:
         "late": sum(int((each.chosen == NONE).sum()) for each in topics),
         "measured_hz": float(np.median(rates)) if rates else None,
     }
+
+
+def _held_too_long(observed: Set[str], source: McapSource) -> list[str]:
+    """Say which observed topics hold on for longer than the silence that ends an episode."""
+    if not isinstance(source.episode, EpisodeByGap):
+        return []
+    ages = {topic: source.longest_age_ns(topic) for topic in sorted(observed)}
+    return [
+        f"{topic} holds {'for ever' if age is None else f'for {age / 1e9:g} s'}, but a silence of "
+        f"{source.episode.seconds:g} s ends an episode: episodes end with states that nobody saw; lower its tolerance"
+        for topic, age in ages.items()
+        if age is None or age > round(source.episode.seconds * 1e9)
+    ]
 
 
 def _warnings(topics: Mapping[str, Mapping[str, Any]], observed: Set[str], rate_hz: float) -> list[str]:

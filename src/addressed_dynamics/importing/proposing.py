@@ -219,7 +219,8 @@ def _timing(
         timing |= {"topics": topics} if topics else {}
     elif look.clock is not None:
         timing["clock"] = look.clock
-        draft.guessed.append(f"clock: {', '.join(map(str, look.clock.values()))}, for its name; gaps end episodes")
+        column = look.clock.get("frame") or f"{look.clock['column']} in {look.clock.get('unit', 's')}"
+        draft.guessed.append(f"clock: {column}, for its name; gaps end episodes")
     timing["episode"] = _episode(look, special, wishes, rate, draft)
     return timing
 
