@@ -196,9 +196,7 @@ def _finite(where: str, series: TopicSeries) -> TopicSeries:
     if kept.all():
         return series
     if not kept.any():
-        what = (
-            "see whether something is always missing, or other names stand beside its arrays than in the first file"
-        )
+        what = "see whether something is always missing, or other names stand beside its arrays than in the first file"
         if np.isfinite(series.values).any(axis=0).all():
             what = (
                 "each field has one in some message, so several programs seem to write to the topic: take the fields "
