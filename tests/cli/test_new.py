@@ -14,6 +14,8 @@ from stage_dependencies import ROOT
 
 from addressed_dynamics.base.params.experiments import load_experiment
 from addressed_dynamics.cli import main as cli
+from addressed_dynamics.importing.importer import read_samples, wanted_signals
+from addressed_dynamics.importing.looking_at_tables import MOST_FILES
 
 
 @pytest.fixture
@@ -169,3 +171,64 @@ def test_what_float32_cannot_hold_gets_an_offset_and_what_the_import_would_refus
     assert run(capsys, monkeypatch, "new", "map", "map.csv", "--yes")[0] == 0
     north = load_experiment(folder / "params.yaml", "map", "transitions").source.observation["north"]
     assert north.offset == 5301234.0
+
+
+@pytest.mark.parametrize("name", ["lab [1]", "c: d", "# h", "it's", "{x}", "123", "null", "äö ü"])
+def test_folders_may_be_called_anything(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    (folder / "bags").rename(folder / name)
+    before = (folder / "params.yaml").read_bytes()
+    assert run(capsys, monkeypatch, "new", "arm", name, "--yes")[0] == 0
+    assert YAML(typ="safe").load(folder / "params.yaml")["imported"]["arm"] == name
+    source = load_experiment(folder / "params.yaml", "arm", "transitions").source
+    assert [each for each, _ in read_samples(source, wanted_signals(source))] == [
+        f"{name}/bag_0.mcap", f"{name}/bag_1.mcap"]  # fmt: skip
+    assert run(capsys, monkeypatch, "remove", "arm")[0] == 0
+    assert (folder / "params.yaml").read_bytes() == before
+
+
+def test_a_file_is_not_a_pattern_for_others(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (folder / "bags" / "bag_0.mcap").rename(folder / "bags" / "b*.mcap")
+    fields = ("--observation", "/joint_states.position", "--action", "/cmd.torque")
+    assert run(capsys, monkeypatch, "new", "arm", "bags/b*.mcap", "--yes", *fields)[0] == 0
+    source = load_experiment(folder / "params.yaml", "arm", "transitions").source
+    assert [each for each, _ in read_samples(source, wanted_signals(source))] == ["bags/b*.mcap"]
+
+
+def test_of_many_tables_it_is_said_how_many_were_looked_at(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    rows = "".join(f"{i * i % 7},{i % 3}\n" for i in range(25))
+    for number in range(MOST_FILES + 1):
+        (tmp_path / f"{number:03d}.csv").write_text(f"q,u\n{rows}")
+    _, out, _ = run(capsys, monkeypatch, "inspect", ".", "--rate", "20")
+    assert f"These are of the first {MOST_FILES} files or episodes alone." in out
+    (tmp_path / "000.csv").unlink()
+    assert "alone" not in run(capsys, monkeypatch, "inspect", ".", "--rate", "20")[1]
+
+
+def test_files_in_which_nothing_can_be_read_are_refused_with_the_reason(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a.mcap").write_bytes(json_log([("/q", 100, b"{")]))
+    status, _, err = run(capsys, monkeypatch, "new", "arm", "a.mcap", "--yes")
+    assert (status, err.count("\n")) == (1, 1)
+    assert "a.mcap: there is nothing in the files that could be imported (Expecting property name" in err
+
+
+@pytest.mark.parametrize("command", ["inspect", "new"])
+def test_a_folder_that_nobody_may_look_into_is_named(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, command: str
+) -> None:
+    def refuse(_: Path) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("os.listdir", refuse)
+    status, out, err = run(capsys, monkeypatch, command, *(["arm"] if command == "new" else []), str(folder / "bags"))
+    assert (status, out) == (1, "")
+    assert err == f"error: {folder}/bags: it cannot be read (Permission denied); ask whoever owns it, or copy it\n"

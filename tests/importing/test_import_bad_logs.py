@@ -114,7 +114,7 @@ def encoded_log(messages: Iterable[Timed], encoding: str, schema_encoding: str, 
         (encoded_log([("", 1, b"<a/>")], "xml", "xsd"), "topic /joint_states has messages in 'xml'"),
         (encoded_log([("", 1, b"")], "cdr", "omgidl"), "in 'cdr' with a schema in 'omgidl'"),
         (json_log([("/joint_states", 1, b"{")]), r"message 0 of topic /joint_states \(time 1 ns\) cannot be decoded"),
-        (json_log([("/joint_states", 2**64 - 1, {"position": [1, 2]})]), "is later than the year 2262"),
+        (json_log([("/joint_states", 2**64 - 1, {"position": [1, 2]})]), "is before 1970 or after the year 2262"),
     ],
 )
 def test_a_file_that_cannot_be_read_is_named_with_the_reason(tmp_path: Path, data: bytes, what: str) -> None:

@@ -131,7 +131,10 @@ def test_a_silence_ends_an_episode(tmp_path: Path) -> None:
     messages = [each for each in states_and_commands(3.0) if each[1] not in quiet or each[0] == "/cmd"]
     save(tmp_path, a=json_log(messages))
     assert len(np.unique(imported(tolerance_s=0.5, episode={"by": "gap", "seconds": 0.5}).episode)) == 1
+    assert account()["details"]["logs/a.mcap"]["warnings"] == []
     assert len(np.unique(imported(tolerance_s=0.5, episode={"by": "gap", "seconds": 0.2}).episode)) == 2
+    (warning,) = account()["details"]["logs/a.mcap"]["warnings"]
+    assert warning.startswith("/joint_states holds for 0.5 s, but a silence of 0.2 s ends an episode")
 
 
 @pytest.mark.parametrize("labels", [(1, 2, 3), ("walk", "run", "walk")])

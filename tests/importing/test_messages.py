@@ -100,6 +100,7 @@ def test_messages_that_were_compressed_one_by_one_are_decompressed_and_said(tmp_
     np.testing.assert_array_equal(transitions.observation[:, 0], np.float32(states[:-1]))
     assert transitions.action[:, 0].tolist() == actions[:-1]
     assert "each message compressed by zstd" in account()["details"]["logs/a.mcap"]["encodings"]["/q"]
+    assert account()["totals"]["decompressed"] == 160
 
 
 def test_a_message_whose_compressed_bytes_are_damaged_is_refused(tmp_path: Path) -> None:

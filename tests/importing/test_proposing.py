@@ -1,6 +1,7 @@
 """What is found in logs that nobody described, and which section `source` is proposed for them."""
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -289,6 +290,7 @@ def test_tables_without_a_state_are_no_reason_to_fail() -> None:
     proposal = propose(look_at(find_logs([Path("a.csv")])), ["a.csv"], Wishes())
     assert proposal.unknown == ("observation",)
     assert proposal.source["rate_hz"] == 20.0
+    assert "clock: t in s, for its name; gaps end episodes" in proposal.guessed
 
 
 def test_values_that_float32_cannot_tell_apart_get_an_offset() -> None:
@@ -334,6 +336,20 @@ def test_dimensions_have_names_that_a_log_can_hold_whatever_the_fields_are_calle
     assert assess(source_params(proposal.source)).transitions == 59
 
 
+def test_what_cannot_be_an_action_or_a_name_is_refused_in_a_line() -> None:
+    table = {"q": [i * i % 7 for i in range(60)], "u": [i % 3 for i in range(60)]}
+    words = {"few": ["go" if i % 3 else "stop" for i in range(60)], "many": [f"w{i % 13}" for i in range(60)]}
+    polars.DataFrame(table | words).write_csv("a.csv")
+    look = look_at(find_logs([Path("a.csv")]))
+    for wishes, what in (
+        ({"action": ("few", "u")}, "but one of words, such as 'few', has no other one beside it"),
+        ({"action": ("many",)}, "'many' has more than 12 different texts"),
+        ({"observation": ("größe=q",)}, "'größe' cannot be the name of a dimension; give letters, digits and _"),
+    ):
+        with pytest.raises(ParamsError, match=re.escape(what)):
+            propose(look, ["a.csv"], Wishes(rate_hz=20.0, **wishes))
+
+
 def test_categories_are_texts() -> None:
     words = polars.Series(["go" if i % 3 else "stop" for i in range(60)]).cast(polars.Categorical)
     polars.DataFrame({"q": [i * i % 7 for i in range(60)], "command": words}).write_parquet("a.parquet")
@@ -356,3 +372,18 @@ def test_the_report_explains_the_counters_of_logs_and_of_tables() -> None:
     assert (
         {"reordered", "joined_files", "incomplete_parts", "repeated", "off_rate"} <= counted.keys() <= COUNTERS.keys()
     )
+
+
+def test_a_state_does_not_hold_through_the_pauses_between_episodes_but_a_command_does() -> None:
+    messages: list[Any] = []
+    for i in range(15 * 30):
+        at = SECOND * (100 + 10 * (i // 30)) + i % 30 * SECOND // 10
+        messages.append(("/q", at, {"x": i * i % 7}))
+        if i % 30 < 20 and i % 4 == 0:
+            messages.append(("/cmd", at, {"data": i % 3}))
+    proposal = proposed(looked(a=json_log(messages)))
+    assert proposal.source["tolerance_s"] == 0.15
+    assert proposal.source["topics"]["/cmd"]["tolerance_s"] > 1.0
+    assessment = assess(source_params(proposal.source | {"rate_hz": 10.0}))
+    assert len(assessment.episodes) == 15
+    assert max(each.samples for each in assessment.episodes) <= 31

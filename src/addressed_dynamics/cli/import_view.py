@@ -9,7 +9,7 @@ from rich.console import Group, RenderableType
 
 from addressed_dynamics.cli.terminal import MISSING, column_table, fact_grid, safe_text
 from addressed_dynamics.importing.assessing import Assessment
-from addressed_dynamics.importing.looking import Field, Look
+from addressed_dynamics.importing.looking import MOST_TEXTS, Field, Look
 from addressed_dynamics.importing.proposing import Proposal
 
 EPISODES_SHOWN = 30
@@ -22,6 +22,8 @@ def look_view(look: Look) -> RenderableType:
     for each in look.fields:
         fields.add_row(*map(safe_text, _field_cells(each)))
     parts: list[RenderableType] = [fields]
+    if look.looked_at is not None:
+        parts.append(safe_text(f"These are of the first {look.looked_at} files or episodes alone.", style="yellow"))
     parts += [safe_text(f"Topic {topic} cannot be read: {why}", style="red") for topic, why in look.unread.items()]
     if look.stamps:
         stamps = column_table("Own time of messages", logged_after_it=True, within=True)
@@ -89,6 +91,8 @@ def _action_table(assessment: Assessment) -> RenderableType:
 def _field_cells(each: Field) -> tuple[str, ...]:
     rate = MISSING if each.rate_hz is None else f"{each.rate_hz:.4g} Hz"
     if each.texts:
-        return each.field, f"{each.total:,}", rate, "text:", ", ".join(sorted(each.texts)), ""
+        more = ", …" if len(each.texts) > MOST_TEXTS else ""
+        texts = ", ".join(sorted(each.texts)[:MOST_TEXTS]) + more
+        return each.field, f"{each.total:,}", rate, "text:", texts, ""
     low, high = (MISSING, MISSING) if each.range is None else map("{:.6g}".format, each.range)
     return each.field, f"{each.total:,}", rate, low, high, each.unit

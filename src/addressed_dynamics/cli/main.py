@@ -21,11 +21,13 @@ from addressed_dynamics.cli.new import (
     source_lines,
     try_import,
     usable_lengths,
+    what_to_say,
+    yaml_text,
 )
 from addressed_dynamics.cli.params_view import params_lines
 from addressed_dynamics.cli.source_keys import source_keys
 from addressed_dynamics.cli.terminal import file_view, folder_view
-from addressed_dynamics.importing.finding import find_logs
+from addressed_dynamics.importing.finding import check_there, find_logs
 from addressed_dynamics.importing.proposing import Wishes
 from addressed_dynamics.logs import RecoveryReport, recover_log
 
@@ -130,9 +132,8 @@ def new(
     lengths = recorded_lengths(found)
     if lengths is not None:
         # Logs of transitions are what an import would make.
-        _add(
-            file, name, {"experiments": f"{{kind: transitions, raw: {found.folder}}}"}, section_text(name, (), lengths)
-        )
+        entries = {"experiments": f"{{kind: transitions, raw: {yaml_text(found.folder)}}}"}
+        _add(file, name, entries, section_text(name, (), lengths))
         return
     wishes = _wishes(observation, action, exogenous, reward, rate, episode, types)
     trial = try_import(paths, wishes)
@@ -141,8 +142,7 @@ def new(
         wishes = ask(trial.look, trial.proposal, wishes, typer.prompt)
         trial = try_import(paths, wishes)
     if trial.assessment is None:
-        missing = " and ".join(f"--{unknown}" for unknown in trial.proposal.unknown)
-        message = f"{', '.join(map(str, paths))}: the files do not say it; give {missing}, with fields from this list"
+        message = f"{', '.join(map(str, paths))}: {what_to_say(trial)}"
         raise ParamsError(message)
     for view in (proposal_view(trial.proposal), assessment_view(trial.assessment)):
         console.print(view, crop=False)
@@ -153,7 +153,8 @@ def new(
         raise ParamsError(message)
     if not yes and sys.stdin.isatty() and not typer.confirm(f"Write this to {file}?", default=True):
         raise typer.Exit(1)
-    entries = {"experiments": f"{{kind: transitions, raw: data/raw/{name}}}", "imported": trial.found.dependency}
+    imported = yaml_text(trial.found.dependency)
+    entries = {"experiments": f"{{kind: transitions, raw: data/raw/{name}}}", "imported": imported}
     section = section_text(name, source_lines(trial.proposal), usable_lengths(trial.assessment))
     _add(file, name, entries, section)
 
@@ -224,6 +225,8 @@ def _console() -> Console:
 def _inspected(paths: list[Path], wishes: Wishes) -> tuple[dict[str, Any], list[RenderableType], bool]:
     """Return what there is as JSON-compatible values and for the terminal, and whether some of it is damaged."""
     document, views = dict[str, Any](), list[RenderableType]()
+    for path in paths:
+        check_there(path)
     path, logs = paths[0], is_of_logs(paths)
     if logs:
         inspection = Inspection(tuple(inspect_file(file) for path in paths for file in log_files(path)))

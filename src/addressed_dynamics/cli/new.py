@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import re
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -34,6 +35,7 @@ SMALL_ENSEMBLE = (
 )  # fmt: skip
 """How an ensemble is trained on so few."""
 
+_PLAIN = re.compile(r"[\w./-]+")
 _SOURCE: TypeAdapter[Any] = TypeAdapter(SourceParams)
 
 
@@ -91,7 +93,8 @@ def source_params(source: Mapping[str, Any]) -> SourceParams:
         checked: SourceParams = _SOURCE.validate_json(json.dumps(source))
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
-        message = f"source.{'.'.join(map(str, first['loc'][1:]))}: {first['msg']}"
+        where = ".".join(["source", *map(str, first["loc"][1:])])
+        message = f"{where}: {first['msg'].removeprefix('Value error, ')}"
         raise ParamsError(message) from error
     return checked
 
@@ -116,6 +119,15 @@ def ask(look: Look, proposal: Proposal, wishes: Wishes, answer: Callable[[str], 
         is_state = unknown == "observation"
         wishes = replace(wishes, observation=fields) if is_state else replace(wishes, action=fields)
     return wishes
+
+
+def what_to_say(trial: Trial) -> str:
+    """Return why nothing can be imported yet, and what has to be said, for an error."""
+    if not trial.look.fields:
+        why = next(iter(trial.look.unread.values()), "they are empty, or hold videos or images alone")
+        return f"there is nothing in the files that could be imported ({why}); give others"
+    missing = " and ".join(f"--{unknown}" for unknown in trial.proposal.unknown)
+    return f"the files do not say it; give {missing}, with fields from this list"
 
 
 def recorded_lengths(found: Found) -> list[int] | None:
@@ -197,6 +209,12 @@ def _entry(key: str, value: Any, indent: str, notes: Mapping[str, str]) -> Itera
         yield from (f"{indent}- {_scalar(each)}" for each in value)
     else:
         yield f"{indent}{_scalar(key)}:" + ("" if value is None else f" {_scalar(value)}")
+
+
+def yaml_text(text: str) -> str:
+    """Return a text as YAML, with quotes only where it would be something else without them."""
+    plain = _PLAIN.fullmatch(text) and YAML(typ="safe", pure=True).load(text) == text
+    return text if plain else _scalar(text)
 
 
 def _scalar(value: Any) -> str:

@@ -6,6 +6,7 @@ import os
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from glob import escape
 from pathlib import Path
 
 from addressed_dynamics.base.errors import LogError
@@ -51,9 +52,7 @@ def find_logs(paths: Sequence[Path]) -> Found:
         LogError: there is nothing, nothing that can be imported, or logs of several kinds.
     """
     for path in paths:
-        if not path.exists():
-            message = f"{path}: there is no such file or folder; give logs, tables or folders of them"
-            raise LogError(message)
+        check_there(path)
     if len(paths) == 1 and (dataset := _dataset(paths[0])):
         return Found(dataset, (paths[0],), (_shown(paths[0]),), _shown(paths[0]))
     inside = {path: _inside(path) for path in paths}
@@ -70,6 +69,24 @@ def find_logs(paths: Sequence[Path]) -> Found:
         raise LogError(message)
     patterns = dict.fromkeys(pattern for path, found in inside.items() for pattern in _patterns(path, found))
     return Found(next(iter(kinds)), tuple(files), tuple(patterns), _shown(_common(paths)))
+
+
+def check_there(path: Path) -> None:
+    """Do nothing if `path` is a file, or a folder that can be looked into.
+
+    Raises:
+        LogError: it is not.
+    """
+    try:
+        there = path.exists()
+        if there and path.is_dir():
+            list(path.iterdir())
+    except OSError as error:
+        message = f"{path}: it cannot be read ({error.strerror}); ask whoever owns it, or copy it"
+        raise LogError(message) from error
+    if not there:
+        message = f"{path}: there is no such file or folder; give logs, tables or folders of them"
+        raise LogError(message)
 
 
 def _dataset(path: Path) -> str | None:
@@ -92,13 +109,14 @@ def _inside(path: Path) -> list[Path]:
 
 
 def _patterns(path: Path, files: Sequence[Path]) -> list[str]:
+    shown = escape(_shown(path))
     if not path.is_dir() or is_bag(path):
-        return [_shown(path)]
-    bags = [f"{_shown(path)}/**/{METADATA}"] if any(is_bag(file.parent) for file in files) else []
+        return [shown]
+    bags = [f"{shown}/**/{METADATA}"] if any(is_bag(file.parent) for file in files) else []
     loose = [file for file in files if not is_bag(file.parent)]
     deep = any(file.parent != path for file in loose)
     suffixes = dict.fromkeys(file.suffix for file in loose)
-    return [*bags, *(f"{_shown(path)}/{'**/' if deep else ''}*{suffix}" for suffix in suffixes)]
+    return [*bags, *(f"{shown}/{'**/' if deep else ''}*{suffix}" for suffix in suffixes)]
 
 
 def _common(paths: Sequence[Path]) -> Path:

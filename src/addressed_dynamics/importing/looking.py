@@ -28,8 +28,10 @@ DEEPEST = 6
 """Fields further inside are left out."""
 MOST_VALUES = 4_000
 """So many messages of a topic are decoded, about evenly spread: twice as many at most."""
+SILENCE_S, SILENCE = 1.0, 10.0
+"""A silence of more seconds, and of more periods, ends an episode."""
 MOST_TEXTS = 12
-"""So many different texts of a field are kept."""
+"""So many different texts of a field are kept, and one more, which says that there are more."""
 
 _UNIT = re.compile(r".*[\[(]([^\[\]()]*[^\d\[\]()][^\[\]()]*)[\])]\s*")
 
@@ -49,7 +51,9 @@ class Field:
     rate_hz: float | None = None
     """Values a second; None if nothing says when they were recorded."""
     late_s: float = 0.0
-    """The 99th percentile of the times between them, in seconds."""
+    """The 99th percentile of the times between them, in seconds, pauses left out."""
+    silent_s: float = 0.0
+    """The same with the pauses."""
     topic: str = ""
     """Its topic; empty in a table."""
     total: int = 0
@@ -98,6 +102,7 @@ class Look:
     kind: Literal["mcap", "csv", "parquet", "minari", "lerobot"]
     """The kind of source that reads them."""
     files: tuple[Path, ...]
+    """All files, of tables also those that were not looked at."""
     fields: tuple[Field, ...]
     """In the order in which they were found."""
     stamps: tuple[Stamps, ...] = ()
@@ -106,6 +111,8 @@ class Look:
     """Topics that cannot be read, and why."""
     clock: dict[str, Any] | None = None
     """The key `clock` of a table that has a column with the time, or one that counts its rows."""
+    looked_at: int | None = None
+    """Files that were looked at, if not all."""
     options: dict[str, Any] = data_field(default_factory=dict)
     """Keys that say how a CSV file is written, and what types there are beside a log."""
 
@@ -176,12 +183,13 @@ class _Topic:
 
     def finished(self) -> Iterator[Field]:
         """Yield the fields that were found."""
-        rate, late_s = _periods(np.array(self._times))
+        rate, late_s, silent_s = _periods(np.array(self._times))
         for steps, each in self._fields.items():
             names = self._names.get(steps[:-1])
             if names is not None and isinstance(steps[-1], int) and steps[-1] < len(names):
                 each.field = str(FieldPath(self.name, (*steps[:-1], Label(names[steps[-1]]))))
-            each.rate_hz, each.late_s, each.total, each.topic = rate, late_s, len(self._times), self.name
+            each.rate_hz, each.late_s, each.silent_s = rate, late_s, silent_s
+            each.total, each.topic = len(self._times), self.name
             yield each
 
     def stamps(self) -> Stamps | None:
@@ -252,7 +260,7 @@ class _Topic:
 def _take(found: Field, value: Any, seen: int) -> None:
     found.values.extend([np.nan] * (seen - len(found.values)))
     if isinstance(value, str):
-        if value in found.texts or len(found.texts) < MOST_TEXTS:
+        if value in found.texts or len(found.texts) <= MOST_TEXTS:
             found.texts[value] = found.texts.get(value, 0) + 1
         found.values.append(np.nan)
     else:
@@ -263,7 +271,16 @@ _TIMES = frozenset(STAMPS)
 # A message's own time is looked at as a time.
 
 
-def _periods(times: Int64[np.ndarray, " message"]) -> tuple[float | None, float]:
-    """Return the rate, in Hz, and the 99th percentile of the times between messages, in seconds."""
+def _periods(times: Int64[np.ndarray, " message"]) -> tuple[float | None, float, float]:
+    """Return the rate, in Hz, and the 99th percentile of the times between messages, without pauses and with them."""
     periods = np.diff(times)[np.diff(times) > 0] / 1e9
-    return (1 / usual_period(periods), float(np.quantile(periods, 0.99))) if len(periods) else (None, 0.0)
+    if not len(periods):
+        return None, 0.0, 0.0
+    usual = usual_period(periods)
+    inside = periods[periods <= longest_silence(1 / usual)]
+    return 1 / usual, float(np.quantile(inside, 0.99)), float(np.quantile(periods, 0.99))
+
+
+def longest_silence(rate_hz: float) -> float:
+    """Return the longest silence inside an episode, in seconds, if nobody says another one."""
+    return max(SILENCE_S, SILENCE / rate_hz)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -45,7 +46,8 @@ def look_at_csv(found: Found) -> Look:
     """
     options = _written_as(found.files[0])
     source: Any = CsvSource.model_construct(kind="csv", **options)
-    return _look("csv", found.files, (open_csv(path, source) for path in found.files[:MOST_FILES]), options)
+    look = _look("csv", found.files, (open_csv(path, source) for path in found.files[:MOST_FILES]), options)
+    return _of_the_first(look, more=len(found.files) > MOST_FILES)
 
 
 def look_at_parquet(found: Found) -> Look:
@@ -54,7 +56,8 @@ def look_at_parquet(found: Found) -> Look:
     Raises:
         TableError: one cannot be read.
     """
-    return _look("parquet", found.files, (_whole(path) for path in found.files[:MOST_FILES]), {})
+    look = _look("parquet", found.files, (_whole(path) for path in found.files[:MOST_FILES]), {})
+    return _of_the_first(look, more=len(found.files) > MOST_FILES)
 
 
 def look_at_lerobot(found: Found) -> Look:
@@ -65,7 +68,8 @@ def look_at_lerobot(found: Found) -> Look:
     """
     source: Any = LerobotSource.model_construct(kind="lerobot", folder=str(found.files[0]))
     dataset = read_info(source)
-    look = _look("lerobot", found.files, (_whole(path) for path in lerobot_files(dataset)[:MOST_FILES]), {})
+    files = lerobot_files(dataset)
+    look = _look("lerobot", found.files, (_whole(path) for path in files[:MOST_FILES]), {})
     known = {LEROBOT_EPISODE, FRAME, TIME, "index", "task_index"}
     fields = tuple(each for each in look.fields if each.field not in known)
     for each in fields:
@@ -74,7 +78,7 @@ def look_at_lerobot(found: Found) -> Look:
         if names and place.rstrip("]").isdecimal():
             each.field = f"{vector}[{names[int(place.rstrip(']'))]}]"
         each.rate_hz = dataset.fps
-    return Look("lerobot", found.files, fields)
+    return _of_the_first(replace(look, fields=fields), more=len(files) > MOST_FILES)
 
 
 def look_at_minari(found: Found) -> Look:
@@ -84,10 +88,10 @@ def look_at_minari(found: Found) -> Look:
         TableError: it is damaged, or Minari is not installed.
     """
     name = str(found.files[0])
-    episodes = enumerate(islice(minari_episodes(name), MOST_FILES))
-    return _look(
-        "minari", found.files, (minari_table(f"{name}, episode {number}", each) for number, each in episodes), {}
-    )
+    episodes = minari_episodes(name)
+    some = enumerate(islice(episodes, MOST_FILES))
+    look = _look("minari", found.files, (minari_table(f"{name}, episode {number}", each) for number, each in some), {})
+    return _of_the_first(look, more=next(episodes, None) is not None)
 
 
 def _whole(path: Path) -> Table:
@@ -96,6 +100,10 @@ def _whole(path: Path) -> Table:
     except (Exception, polars.exceptions.PanicException):
         names = []  # the next line says what is wrong
     return open_parquet(path, names)
+
+
+def _of_the_first(look: Look, *, more: bool) -> Look:
+    return replace(look, looked_at=MOST_FILES) if more else look
 
 
 def _look(kind: Any, files: Sequence[Path], tables: Iterable[Table], options: dict[str, Any]) -> Look:
@@ -146,7 +154,7 @@ def _take(found: Field, column: polars.Series) -> None:
     elif some.dtype == polars.String:
         found.values.extend([np.nan] * len(some))
         for text in some.drop_nulls().to_list():
-            if text in found.texts or len(found.texts) < MOST_TEXTS:
+            if text in found.texts or len(found.texts) <= MOST_TEXTS:
                 found.texts[text] = found.texts.get(text, 0) + 1
 
 

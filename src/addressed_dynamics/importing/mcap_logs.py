@@ -64,10 +64,12 @@ def read_mcap(
     observed = {each.topic for each in parts[0] if _is_observed(each, signals)}
     counts = {name: sum(int(topic[name]) for topic in topics.values()) for name in SUMMED}
     ticks_in_all = sum(len(part.at) for part in on_clock)
+    decompressed = sum(reader.decompressed for reader in readers)
     return Recorded(
         blocks=partial(_samples, samples),
         counts={
             **counts,
+            **({"decompressed": decompressed} if decompressed else {}),
             "joined_files": len(files) - 1,
             "incomplete_parts": incomplete,
             "ticks": ticks_in_all,
@@ -80,7 +82,7 @@ def read_mcap(
             "encodings": {reader.topic: ", ".join(sorted(reader.encodings)) for reader in readers},
             "names": {path: names for reader in readers for path, names in reader.names.items()},
             "topics": topics,
-            "warnings": _warnings(topics, observed, source.rate_hz),
+            "warnings": [*_warnings(topics, observed, source.rate_hz), *_held_too_long(observed, source)],
         },
     )
 
@@ -212,13 +214,14 @@ def _check_order(where: str, series: TopicSeries, tolerance_ns: int) -> None:
 def _check_finite(where: str, series: TopicSeries) -> None:
     if series.finite or series.held is not None:
         return
-    messages = f"{series.not_finite} messages of topic {series.topic}"
-    message = f"{where}: none of the {messages} has a finite value in all fields"
+    what = "see whether something is always missing, or other names stand beside its arrays than in the first file"
     if series.spoken.all():
-        message += (
-            "; each field has one in some message, so several programs seem to write to the topic: take the fields "
-            "of one of them, or record them on topics of their own"
+        what = (
+            "each field has one in some message, so several programs seem to write to the topic: take the fields of "
+            "one of them, or record them on topics of their own"
         )
+    messages = f"{series.not_finite} messages of topic {series.topic}"
+    message = f"{where}: none of the {messages} has a finite value in all fields; {what}"
     raise LogError(message)
 
 
@@ -248,6 +251,19 @@ def _counts(reader: TopicReader, topics: Sequence[_Topic]) -> dict[str, Any]:
         "late": sum(each.late for each in topics),
         "measured_hz": float(np.median(rates)) if rates else None,
     }
+
+
+def _held_too_long(observed: Set[str], source: McapSource) -> list[str]:
+    """Say which observed topics hold on for longer than the silence that ends an episode."""
+    if not isinstance(source.episode, EpisodeByGap):
+        return []
+    ages = {topic: source.longest_age_ns(topic) for topic in sorted(observed)}
+    return [
+        f"{topic} holds {'for ever' if age is None else f'for {age / 1e9:g} s'}, but a silence of "
+        f"{source.episode.seconds:g} s ends an episode: episodes end with states that nobody saw; lower its tolerance"
+        for topic, age in ages.items()
+        if age is None or age > round(source.episode.seconds * 1e9)
+    ]
 
 
 def _warnings(topics: Mapping[str, Mapping[str, Any]], observed: Set[str], rate_hz: float) -> list[str]:

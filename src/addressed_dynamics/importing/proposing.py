@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from addressed_dynamics.base.errors import ParamsError
-from addressed_dynamics.importing.looking import Field, Look, unit_in
+from addressed_dynamics.importing.looking import MOST_TEXTS, Field, Look, longest_silence, unit_in
 from addressed_dynamics.importing.paths import Label, Step, expand_slice, parse_path
 
 ACTION_WORDS = frozenset(
@@ -36,6 +36,9 @@ FLOAT32 = 2.0**-23
 """Part of a number below which float32 does not see a change of it."""
 LATE = 1.5
 """Periods of a topic after which its newest value no longer holds."""
+
+
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 
 @dataclass(frozen=True)
@@ -123,6 +126,9 @@ def _chosen(look: Look, wishes: Iterable[str]) -> dict[str, Field]:
     found: dict[str, Field] = {}
     for wish in wishes:
         name, _, text = wish.rpartition("=")
+        if name and not _NAME.fullmatch(name.strip()):
+            message = f"'{name.strip()}' cannot be the name of a dimension; give letters, digits and _, a letter first"
+            raise ParamsError(message)
         fields = _matching(look, text.strip())
         for number, each in enumerate(fields):
             own = _unused(_name(each.field, look), found) if not name else name.strip()
@@ -166,7 +172,7 @@ def _special(look: Look, wishes: Wishes, taken: set[str], draft: _Draft) -> dict
 def _guessed_actions(look: Look, taken: set[str], draft: _Draft) -> dict[str, Field]:
     candidates = [each for each in look.fields if each.field not in taken and _words(each.field) & ACTION_WORDS]
     numbers = [each for each in candidates if each.is_number and not each.constant and _may_be_state(each)]
-    texts = [each for each in candidates if len(each.texts) > 1]
+    texts = [each for each in candidates if 1 < len(each.texts) <= MOST_TEXTS]
     found = numbers or texts[:1]
     if not found:
         draft.unknown.append("action")
@@ -205,13 +211,16 @@ def _timing(
     rate = timing.get("rate_hz", 1.0)
     if look.kind == "mcap":
         timing["tolerance_s"] = max(
-            [_age(each) for each in chosen["observation"].values()], default=_rounded(LATE / rate)
+            [_age(each, each.late_s) for each in chosen["observation"].values()], default=_rounded(LATE / rate)
         )
-        topics = _topics([each for fields in chosen.values() for each in fields.values()], timing["tolerance_s"])
+        others = [each for role in ("action", "exogenous") for each in chosen[role].values()]
+        observed = {each.topic for each in chosen["observation"].values()}
+        topics = _topics([each for each in others if each.topic not in observed], timing["tolerance_s"])
         timing |= {"topics": topics} if topics else {}
     elif look.clock is not None:
         timing["clock"] = look.clock
-        draft.guessed.append(f"clock: {', '.join(map(str, look.clock.values()))}, for its name; gaps end episodes")
+        column = look.clock.get("frame") or f"{look.clock['column']} in {look.clock.get('unit', 's')}"
+        draft.guessed.append(f"clock: {column}, for its name; gaps end episodes")
     timing["episode"] = _episode(look, special, wishes, rate, draft)
     return timing
 
@@ -236,19 +245,19 @@ def _rate(chosen: Mapping[str, Mapping[str, Field]], wishes: Wishes, draft: _Dra
 
 
 def _topics(fields: Sequence[Field], tolerance_s: float) -> dict[str, dict[str, Any]]:
-    """Give topics that speak more seldom than the clock ticks a tolerance of their own."""
+    """Give commands that speak more seldom than the clock ticks a tolerance of their own."""
     topics: dict[str, dict[str, Any]] = {}
     for each in fields:
         if each.total <= 2 or each.rate_hz is None:
             topics[each.topic] = {"hold": True}
-        elif _age(each) > tolerance_s:
-            topics[each.topic] = {"tolerance_s": _age(each)}
+        elif _age(each, each.silent_s) > tolerance_s:
+            topics[each.topic] = {"tolerance_s": _age(each, each.silent_s)}
     return topics
 
 
-def _age(each: Field) -> float:
+def _age(each: Field, late_s: float) -> float:
     """Return how old the newest value of a field usually gets, in seconds."""
-    return _rounded(max(LATE / each.rate_hz, each.late_s)) if each.rate_hz else 0.0
+    return _rounded(max(LATE / each.rate_hz, late_s)) if each.rate_hz else 0.0
 
 
 def _episode(look: Look, special: Mapping[str, str], wishes: Wishes, rate: float, draft: _Draft) -> dict[str, Any]:
@@ -260,7 +269,7 @@ def _episode(look: Look, special: Mapping[str, str], wishes: Wishes, rate: float
     if look.kind != "mcap" and {"terminated", "truncated"} & set(special):
         return {"by": "end"}
     if look.kind == "mcap":
-        seconds = _rounded(max(1.0, 10 / rate))
+        seconds = _rounded(longest_silence(rate))
         draft.guessed.append(f"episodes: a silence of {seconds:g} s ends one")
         return {"by": "gap", "seconds": seconds}
     draft.guessed.append("episodes: a file is one")
@@ -288,6 +297,15 @@ def _offset(each: Field) -> float:
 
 def _action(fields: Mapping[str, Field], draft: _Draft) -> dict[str, Any]:
     texts = [each for each in fields.values() if each.texts]
+    if texts and len(fields) > 1:
+        message = (
+            f"the action would be {', '.join(each.field for each in fields.values())}, but one of words, such as "
+            f"'{texts[0].field}', has no other one beside it; give one --action, or numbers alone"
+        )
+        raise ParamsError(message)
+    if texts and len(texts[0].texts) > MOST_TEXTS:
+        message = f"'{texts[0].field}' has more than {MOST_TEXTS} different texts; an action of words is one of few"
+        raise ParamsError(message)
     if texts:
         return {"discrete": {"field": texts[0].field, "names": sorted(texts[0].texts)}}
     return {"continuous": _dimensions(fields, draft)}

@@ -177,6 +177,8 @@ class TopicReader:
         self._in_file = 0
         self.encodings = set[str]()
         """How its messages are encoded."""
+        self.decompressed = 0
+        """Messages that were compressed by themselves."""
 
     def __len__(self) -> int:
         return len(self._time_ns) + sum(each.finite + each.not_finite for each in self._series.values())
@@ -220,6 +222,7 @@ class TopicReader:
             try:
                 if payload[:4] == ZSTANDARD:
                     payload = unpacked(payload)
+                    self.decompressed += 1
                     self.encodings.add(f"{channel.message_encoding}, each message compressed by zstd")
                 decoded = decode(payload)
             except Exception as error:  # the decoders raise a dozen unrelated types on damaged data
@@ -228,7 +231,7 @@ class TopicReader:
             if self._clock == "header":
                 stamp = self._own_time(stamp, decoded)
             if not 0 <= stamp <= LATEST:
-                raise self._refused(stamp, "is later than the year 2262; its time is damaged, so record it again")
+                raise self._refused(stamp, "is before 1970 or after the year 2262; choose another 'time' for its topic")
             if self._turns.active and (part := self._turns.part(stamp)) != self._part:
                 self._set_aside()
                 self._part = part

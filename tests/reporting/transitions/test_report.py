@@ -286,6 +286,16 @@ def test_an_import_that_looked_at_the_times_says_what_they_are() -> None:
     assert text.endswith("Rows a second: 20.")
 
 
+def test_what_an_import_took_off_the_values_is_said() -> None:
+    counts = {"files": {"a": {"rows": 9}}, "totals": {"rows": 9}}
+    _, text, _ = section({"import": counts | {"offsets": {"observation.north": 5301234.5}}})
+    assert isinstance(text, Text)
+    assert text.paragraphs[1].startswith("The import took 5301234.5 off observation.north; all values here")
+    _, text, _ = section({"import": counts})
+    assert isinstance(text, Text)
+    assert len(text.paragraphs) == 1
+
+
 @pytest.mark.parametrize(
     ("kind", "why"),
     [

@@ -26,6 +26,7 @@ COUNTERS = {
     "held": "ticks that used the message of the tick before once more",
     "joined_files": "files that go on from the file before: read as one recording with it",
     "incomplete_parts": "parts of a recording, between resets of the time, in which a topic is silent: left out",
+    "decompressed": "messages that were compressed one by one: decompressed first",
     "ticks": "ticks of the one clock",
     "gaps": "steps that are not one period long: what follows is another episode",
     "off_rate": "files whose rows come at another rate than the one that was given",
@@ -49,7 +50,8 @@ def quality_blocks(data: DataResult) -> tuple[Block, ...]:
     """Return the section's tables; without findings a sentence says that there are none."""
     blocks: list[Block] = [_finding_table(data)] if data.quality else [Text((_nothing_found(data),))]
     if data.imported:
-        blocks += [Text((_clock_words(data.imported),)), _import_table(data.imported)]
+        offsets = _offset_words(data.imported)
+        blocks += [Text((_clock_words(data.imported), *offsets)), _import_table(data.imported)]
     return tuple(blocks)
 
 
@@ -93,6 +95,14 @@ def _clock_words(imported: ImportResult) -> str:
         )
     why = "the table has no time column that the source names" if imported.kind in TABLES else "the source has none"
     return f"{made} Nobody looked at the times: {why}. Each row was taken for one step after the row before it."
+
+
+def _offset_words(imported: ImportResult) -> tuple[str, ...]:
+    """Say what was taken off the values; empty if nothing was."""
+    if not imported.offsets:
+        return ()
+    taken = ", ".join(f"{offset:.12g} off {name}" for name, offset in imported.offsets.items())
+    return (f"The import took {taken}; all values here and of the model are what is left.",)
 
 
 def _topic_rates(imported: ImportResult) -> str:

@@ -104,6 +104,8 @@ class ImportResult(Record):
     """The kind of the source, for instance `mcap`."""
     rate_hz: float | None = None
     """Steps in a second, as the source says."""
+    offsets: dict[str, float] = Field(default_factory=dict)
+    """What was taken off the values of a dimension, by its name with its role."""
     details: dict[str, FileDetails] = Field(default_factory=dict)
     """What else is known, by file."""
 
