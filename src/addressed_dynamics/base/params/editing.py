@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
 
 from addressed_dynamics.base.errors import ParamsError
 from addressed_dynamics.base.files import atomic_path
+from addressed_dynamics.base.params.experiments import parse_params
 
 MARK = "# made by 'addressed-dynamics new'"
 """Stands beside the name of a section that may be removed without asking."""
@@ -36,7 +36,7 @@ def add_experiment(path: Path, name: str, entries: Mapping[str, str], section: s
             a form that cannot be added to; the file is then as it was.
     """
     text, crlf = _text(path)
-    before = _document(path, text)
+    before = parse_params(path, text)
     if not NAME.fullmatch(name):
         message = f"'{name}' cannot be the name of an experiment; give letters, digits, - and _, a letter first"
         raise ParamsError(message)
@@ -49,7 +49,7 @@ def add_experiment(path: Path, name: str, entries: Mapping[str, str], section: s
     for mapping, value in entries.items():
         _insert(path, lines, mapping, f"{name}: {value}")
     body = "\n".join([*lines, "", f"{name}: {MARK}", section.rstrip("\n")]) + "\n"
-    after = _document(path, body)
+    after = parse_params(path, body)
     expected = {**before, **{mapping: {**(before.get(mapping) or {}), name: YAML(typ="safe").load(value)}
                              for mapping, value in entries.items()}}  # fmt: skip
     _check(path, {key: value for key, value in after.items() if key != name}, expected)
@@ -69,7 +69,7 @@ def remove_experiment(path: Path, name: str, mappings: tuple[str, ...], *, of_an
         ParamsError: there is no such section, it has no mark, or the file cannot be read or written.
     """
     text, crlf = _text(path)
-    before = _document(path, text)
+    before = parse_params(path, text)
     lines = text.split("\n")
     start = next((place for place, line in enumerate(lines) if re.match(rf"{re.escape(name)}\s*:", line)), None)
     named = any(name in (before.get(mapping) or {}) for mapping in mappings)
@@ -88,7 +88,7 @@ def remove_experiment(path: Path, name: str, mappings: tuple[str, ...], *, of_an
     body = "\n".join(lines)
     expected = {key: {each: entry for each, entry in value.items() if each != name} if key in mappings else value
                 for key, value in before.items() if key != name}  # fmt: skip
-    _check(path, _document(path, body), expected)
+    _check(path, parse_params(path, body), expected)
     _write(path, body, crlf=crlf)
 
 
@@ -114,19 +114,6 @@ def _write(path: Path, text: str, *, crlf: bool) -> None:
     except OSError as error:
         message = f"{path}: the params file cannot be written ({error.strerror}); nothing was changed"
         raise ParamsError(message) from error
-
-
-def _document(path: Path, text: str) -> dict[str, Any]:
-    try:
-        document = YAML(typ="safe", pure=True).load(text)
-    except YAMLError as error:
-        problem = str(getattr(error, "problem", None) or error).split("\n", maxsplit=1)[0]
-        message = f"{path}: not a YAML file ({problem})"
-        raise ParamsError(message) from error
-    if not isinstance(document, dict):
-        message = f"{path}: a params file is a mapping of sections, but this one is none"
-        raise ParamsError(message)
-    return document
 
 
 def _head(lines: list[str], mapping: str) -> tuple[int, re.Match[str]] | None:

@@ -191,13 +191,24 @@ def _validated(path: Path, experiment: str, section: Any, form: Any) -> Any:
 
 def _read_yaml(path: Path) -> dict[str, Any]:
     try:
-        document = YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
     except FileNotFoundError as error:
         message = f"{path}: no such params file"
         raise ParamsError(message) from error
     except (OSError, UnicodeDecodeError) as error:
         message = f"{path}: the params file cannot be read ({error})"
         raise ParamsError(message) from error
+    return parse_params(path, text)
+
+
+def parse_params(path: Path, text: str) -> dict[str, Any]:
+    """Return what the text of a params file says.
+
+    Raises:
+        ParamsError: it is not YAML, or no mapping of sections; the message names `path`.
+    """
+    try:
+        document = YAML(typ="safe", pure=True).load(text)
     except YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         where = f", line {mark.line + 1}" if mark is not None else ""
