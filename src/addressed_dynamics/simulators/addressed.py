@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import overload
+from typing import Literal, cast, overload
 
 import numpy as np
 import torch
@@ -19,6 +19,8 @@ from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.simulators.arrays import Plain, Values, answer, as_tensor, finite, shown_names
 from addressed_dynamics.simulators.delivery import Origin, Parts, find_parts
 from addressed_dynamics.simulators.modes import MODES, Mode, check_choice, no_mode
+from addressed_dynamics.simulators.trust import SIGNALS, Expectation, Followed, Scales, Trust, TrustedRollout
+from addressed_dynamics.simulators.trusted import TrustFile, find_trust
 
 
 class AddressedDynamics:
@@ -39,6 +41,7 @@ class AddressedDynamics:
         *,
         mode: Mode = "argmax",
         origin: Origin | None = None,
+        trust: Trust | TrustFile | None = None,
     ) -> None:
         """Put a model together.
 
@@ -49,6 +52,7 @@ class AddressedDynamics:
                 there is only one member.
             mode: how `predict` uses them if it is not told.
             origin: which of an experiment's models it is, for `repr`; None if it is none of them.
+            trust: how far it is to be trusted, or where that is written; None if nobody knows.
 
         Raises:
             ModelError: the networks do not fit each other or the features, or there is no such mode.
@@ -79,6 +83,7 @@ class AddressedDynamics:
         self.addressing = addressing
         self.mode: Mode = mode
         self.origin = origin
+        self._trust = trust
 
     @staticmethod
     def load(
@@ -103,7 +108,10 @@ class AddressedDynamics:
         Raises:
             ModelError: a file is missing or damaged, or there is no such candidate, seed, variant or mode.
         """
-        return AddressedDynamics.of(find_parts(Path(folder), candidate, seed, variant), mode=mode)
+        parts = find_parts(Path(folder), candidate, seed, variant)
+        model = AddressedDynamics.of(parts, mode=mode)
+        model._trust = TrustFile(Path(folder), parts.origin, model.mode)
+        return model
 
     @staticmethod
     def of(parts: Parts, *, mode: Mode | None = None) -> AddressedDynamics:
@@ -178,7 +186,7 @@ class AddressedDynamics:
                 exogenous inputs are missing or not asked for.
         """
         given, single = self._batch(observation, action, exogenous)
-        predicted = self._predict(*given, self._mode(mode), generator)
+        predicted = self.step(*given, mode=self._mode(mode), generator=generator)
         return answer(predicted, observation, single=single)
 
     @overload
@@ -190,6 +198,8 @@ class AddressedDynamics:
         *,
         exogenous: Values | None = ...,
         generator: torch.Generator | None = ...,
+        with_trust: Literal[False] = ...,
+        coverage: float = ...,
     ) -> Tensor: ...
     @overload
     def rollout(
@@ -200,7 +210,21 @@ class AddressedDynamics:
         *,
         exogenous: Values | None = ...,
         generator: torch.Generator | None = ...,
+        with_trust: Literal[False] = ...,
+        coverage: float = ...,
     ) -> np.ndarray: ...
+    @overload
+    def rollout(
+        self,
+        observation: Values,
+        actions: Values,
+        mode: Mode | None = ...,
+        *,
+        exogenous: Values | None = ...,
+        generator: torch.Generator | None = ...,
+        with_trust: Literal[True],
+        coverage: float = ...,
+    ) -> TrustedRollout: ...
     @torch.no_grad()
     def rollout(
         self,
@@ -210,7 +234,9 @@ class AddressedDynamics:
         *,
         exogenous: Values | None = None,
         generator: torch.Generator | None = None,
-    ) -> Tensor | np.ndarray:
+        with_trust: bool = False,
+        coverage: float = 0.9,
+    ) -> Tensor | np.ndarray | TrustedRollout:
         """Return the states after each of T actions, every state predicted from those predicted before it.
 
         Args:
@@ -222,12 +248,15 @@ class AddressedDynamics:
             exogenous: the exogenous inputs during each step, (B, T, d_exo) or (B, H - 1 + T, d_exo), in their own
                 units: row t stands beside action t. None if, and only if, the model has none.
             generator: as in `predict`.
+            with_trust: whether to return the interval of every state, as in `interval`, and the trust in every step.
+            coverage: of these intervals.
 
         Returns:
-            States, (B, T, d_obs), or (T, d_obs) from one, float32; a tensor for a tensor, else an array.
+            States, (B, T, d_obs), or (T, d_obs) from one, float32; a tensor for a tensor, else an array. With trust a
+            tuple of the states, the ends of their intervals and the trust, (B, T) or (T,).
 
         Raises:
-            ModelError: as in `predict`.
+            ModelError: as in `predict`, or, with trust, as in `interval`.
         """
         (state, steps, known), single = self._batch(observation, actions, exogenous, steps=True)
         mode = self._mode(mode)
@@ -238,12 +267,191 @@ class AddressedDynamics:
             message = f"actions should have shape ({len(state)}, {length}, ...), but have {tuple(steps.shape)}"
             raise ModelError(message)
         replayed = self.features.encode_exogenous(known, tuple(steps.shape[:2]))
+        if with_trust:
+            trust = self.trusted(mode)
+            trust.check_coverage(coverage)
+            followed = self.follow(state, steps, replayed, trust.scales, mode, generator)
+            half = trust.half(followed.scale, coverage)
+            ends = (followed.states - half, followed.states + half, torch.from_numpy(trust.trust(followed.signals)))
+            return TrustedRollout(*(answer(each, observation, single=single) for each in (followed.states, *ends)))
         states = torch.empty(len(state), steps.shape[1] - history + 1, len(self.features.spaces.observation))
         for t in range(states.shape[1]):
             rows = t if history == 1 else slice(t, t + history)
-            states[:, t] = self._predict(state, steps[:, rows], replayed[:, rows], mode, generator)
+            states[:, t] = self.step(state, steps[:, rows], replayed[:, rows], mode=mode, generator=generator)
             state = states[:, t] if history == 1 else torch.cat([state[:, 1:], states[:, t : t + 1]], dim=1)
         return answer(states, observation, single=single)
+
+    @torch.no_grad()
+    def follow(
+        self,
+        state: Tensor,
+        actions: Tensor,
+        exogenous: Tensor,
+        scales: Expectation,
+        mode: Mode,
+        generator: torch.Generator | None = None,
+    ) -> Followed:
+        """Return a rollout with what is expected of its errors.
+
+        Args:
+            state: first states, as in `rollout`, as float32.
+            actions: (B, H - 1 + T, ...), as in `rollout`.
+            exogenous: exogenous inputs beside the actions, as `features.encode_exogenous` returns them.
+            scales: what is expected of the errors of one step.
+            mode: as in `predict`.
+            generator: as in `predict`.
+        """
+        history = self.features.history
+        shape = (len(state), actions.shape[1] - history + 1, len(self.features.spaces.observation))
+        states, sums = torch.empty(shape), torch.empty(shape)
+        signals, total = [], torch.zeros(shape[0], shape[2])
+        for t in range(shape[1]):
+            rows = t if history == 1 else slice(t, t + history)
+            given = (state, actions[:, rows], exogenous[:, rows])
+            # What is no number any more has no input; its trust is 0, and what it predicts is no number either.
+            x = self.features.encode(*given)
+            states[:, t] = self.step(*given, mode=mode, generator=generator, x=x)
+            found = scales(self, *given, states[:, t], x)
+            total = total + found.error
+            sums[:, t] = total
+            signals.append(found.signals)
+            state = states[:, t] if history == 1 else torch.cat([state[:, 1:], states[:, t : t + 1]], dim=1)
+        each = np.stack(signals, axis=-1) if signals else np.empty((len(SIGNALS), shape[0], 0))
+        return Followed(states, sums, each)
+
+    @overload
+    def interval(
+        self, observation: Tensor, action: Values, coverage: float = ..., *, exogenous: Values | None = ...
+    ) -> tuple[Tensor, Tensor]: ...
+    @overload
+    def interval(
+        self, observation: Plain, action: Values, coverage: float = ..., *, exogenous: Values | None = ...
+    ) -> tuple[np.ndarray, np.ndarray]: ...
+    @torch.no_grad()
+    def interval(
+        self, observation: Values, action: Values, coverage: float = 0.9, *, exogenous: Values | None = None
+    ) -> tuple[Tensor, Tensor] | tuple[np.ndarray, np.ndarray]:
+        """Return intervals in which the next states lie: each dimension of its own in such a share of cases.
+
+        They were calibrated on validation episodes of the experiment, and hold for states that are like those.
+
+        Args:
+            observation: states, as in `predict`.
+            action: actions, as in `predict`.
+            coverage: share of cases, between 0 and 1.
+            exogenous: as in `predict`.
+
+        Returns:
+            Lower and upper ends, (B, d_obs), or (d_obs,) for one, in the environment's units.
+
+        Raises:
+            ModelError: as in `predict`; there is no such coverage, or nobody calibrated the model.
+        """
+        given, single = self._batch(observation, action, exogenous)
+        trust = self.trusted(self.mode)
+        trust.check_coverage(coverage)
+        predicted, found = self._expected(trust, *given)
+        half = trust.half(found.error.unsqueeze(1), coverage)[:, 0]
+        low, high = (answer(each, observation, single=single) for each in (predicted - half, predicted + half))
+        return cast("tuple[Tensor, Tensor] | tuple[np.ndarray, np.ndarray]", (low, high))
+
+    @overload
+    def trust(self, observation: Tensor, action: Values, *, exogenous: Values | None = ...) -> Tensor: ...
+    @overload
+    def trust(self, observation: Plain, action: Values, *, exogenous: Values | None = ...) -> np.ndarray: ...
+    @torch.no_grad()
+    def trust(self, observation: Values, action: Values, *, exogenous: Values | None = None) -> Tensor | np.ndarray:
+        """Return how far the predictions are to be trusted: the share of validation points that were less usual.
+
+        How usual a point is follows from its distance to the training data and from how far a second model predicts
+        otherwise. On data like the validation episodes trust is spread evenly over [0, 1]; it is 0 beyond all of them,
+        and of a state that is not finite.
+
+        Args:
+            observation: states, as in `predict`; they may be not finite.
+            action: actions, as in `predict`.
+            exogenous: as in `predict`.
+
+        Returns:
+            (B,), or () for one sample; float64.
+
+        Raises:
+            ModelError: as in `predict`, or nobody calibrated the model.
+        """
+        states = as_tensor(observation).to(torch.float32)
+        given, single = self._batch(states.nan_to_num(nan=0.0, posinf=0.0, neginf=0.0), action, exogenous)
+        trust = self.trusted(self.mode)
+        _, found = self._expected(trust, *given)
+        known = states.view(len(given[0]), -1).isfinite().all(dim=1)
+        share = torch.where(known, torch.from_numpy(trust.trust(found.signals)), 0.0)
+        return answer(share, observation, single=single)
+
+    @overload
+    def surprise(
+        self, observation: Tensor, action: Values, next_observation: Values, *, exogenous: Values | None = ...
+    ) -> Tensor: ...
+    @overload
+    def surprise(
+        self, observation: Plain, action: Values, next_observation: Values, *, exogenous: Values | None = ...
+    ) -> np.ndarray: ...
+    @torch.no_grad()
+    def surprise(
+        self, observation: Values, action: Values, next_observation: Values, *, exogenous: Values | None = None
+    ) -> Tensor | np.ndarray:
+        """Return how surprising what happened is: minus the logarithm of the share of validation steps more so.
+
+        It is 1 on average on data like the validation episodes, so its mean over some steps tells whether what is
+        modelled has changed, even where no state looks unusual. A next state that is not finite is infinitely so.
+
+        Args:
+            observation: states, as in `predict`.
+            action: actions, as in `predict`.
+            next_observation: the states that followed, (B, d_obs).
+            exogenous: as in `predict`.
+
+        Returns:
+            (B,), or () for one sample; float64.
+
+        Raises:
+            ModelError: as in `predict`; the next states have another shape, or nobody calibrated the model.
+        """
+        given, single = self._batch(observation, action, exogenous)
+        after = as_tensor(next_observation).to(torch.float32)
+        after = after.unsqueeze(0) if single and after.ndim == 1 else after
+        expected = (len(given[0]), len(self.features.spaces.observation))
+        if after.shape != expected:
+            message = f"next states should have shape {expected}, but have {tuple(after.shape)}"
+            raise ModelError(message)
+        trust = self.trusted(self.mode)
+        predicted, found = self._expected(trust, *given)
+        surprises = torch.from_numpy(trust.surprises(after - predicted, found.error))
+        return answer(surprises, observation, single=single)
+
+    def trusted(self, mode: Mode) -> Trust:
+        """Return what was calibrated of the model in a mode.
+
+        Raises:
+            ModelError: nothing was, or a file is missing or damaged.
+        """
+        if mode != self.mode:
+            message = f"trust was calibrated in the model's own mode, '{self.mode}', not in '{mode}'; load it in that"
+            raise ModelError(message)
+        if isinstance(self._trust, TrustFile):
+            self._trust = find_trust(self._trust, self.features)
+        if self._trust is None:
+            message = (
+                "nobody calibrated how far this model is to be trusted; evaluation does that for the models that are "
+                "delivered and recommended: load one of them from the folder of the experiment's models"
+            )
+            raise ModelError(message)
+        return self._trust
+
+    def _expected(
+        self, trust: Trust, observation: Tensor, action: Tensor, exogenous: Tensor | None
+    ) -> tuple[Tensor, Scales]:
+        x = self.features.encode(observation, action, exogenous)
+        predicted = self.step(observation, action, exogenous, x=x)
+        return predicted, trust.scales(self, observation, action, exogenous, predicted, x)
 
     @overload
     def member_outputs(self, observation: Tensor, action: Values, *, exogenous: Values | None = ...) -> Tensor: ...
@@ -411,16 +619,33 @@ class AddressedDynamics:
     ) -> Float[Tensor, "*member sample observation"]:
         return self.features.decode(output, states if self.features.history == 1 else states[:, -1])
 
-    def _predict(
+    @torch.no_grad()
+    def step(
         self,
         observation: Tensor,
         action: Tensor,
         exogenous: Tensor | None,
-        mode: Mode,
-        generator: torch.Generator | None,
+        *,
+        mode: Mode | None = None,
+        generator: torch.Generator | None = None,
+        x: Float[Tensor, "sample input"] | None = None,
     ) -> Float[Tensor, "sample observation"]:
-        x = self.features.encode(observation, action, exogenous)
-        output = self.combined(x, self.probabilities_of(x), mode, generator=generator)
+        """Return the same as `predict`, for tensors of a batch that were looked at before.
+
+        Args:
+            observation: states, float32.
+            action: actions.
+            exogenous: exogenous inputs, float32.
+            mode: as in `predict`.
+            generator: as in `predict`.
+            x: what `features.encode` makes of them, if that is known.
+
+        Raises:
+            ModelError: a shape is wrong.
+        """
+        inputs = self.features.encode(observation, action, exogenous) if x is None else x
+        chosen = self.mode if mode is None else mode
+        output = self.combined(inputs, self.probabilities_of(inputs), chosen, generator=generator)
         return self._decoded(output, observation)
 
     @torch.no_grad()

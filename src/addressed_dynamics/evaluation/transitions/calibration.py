@@ -1,0 +1,299 @@
+"""Calibrate how far a model is to be trusted, on validation episodes: they are what is exchangeable with new ones."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, Float32, Float64, Int64
+from torch import Tensor
+
+from addressed_dynamics.base.errors import EvaluationError
+from addressed_dynamics.base.params.sections import OptimiserParams
+from addressed_dynamics.base.params.training import EnsembleParams
+from addressed_dynamics.base.torch_runtime import named_generator
+from addressed_dynamics.evaluation.transitions.points import Points
+from addressed_dynamics.features.common.samples import Samples
+from addressed_dynamics.features.transitions.windows import last_rows, windows
+from addressed_dynamics.networks.stacked import CHUNK_ROWS, StackedMLP
+from addressed_dynamics.simulators.addressed import AddressedDynamics
+from addressed_dynamics.simulators.trust import (
+    Followed,
+    Gauge,
+    Reference,
+    Scales,
+    Trust,
+    beyond_expectation,
+    difference,
+    together,
+)
+from addressed_dynamics.training.ensemble import train_ensemble
+
+FEWEST_EPISODES = 2
+"""Validation episodes without which nothing can be calibrated."""
+COVERAGES = (0.01, 0.02, *(round(0.05 * k, 2) for k in range(1, 20)), 0.98, 0.99)
+"""Shares of errors whose intervals are kept; others lie between them."""
+STEPS = (1, 2, 3, 5, 7, 10, 15, 20, 30, 50, 70, 100, 150, 200, 300, 500, 700, 1000, 1500, 2000)
+"""Steps of a rollout whose errors are looked at; others lie between them."""
+MOST_POINTS = 50_000
+"""Training points that the network of errors and the centres are made of, at most; as many validation points."""
+CENTRES = 512
+MOST_STEPS = 120_000
+"""Steps of all rollouts together that one calibration takes."""
+MOST_ROLLOUTS = 2_000
+FOLDS = 10
+"""Parts of the validation episodes of which each in turn is judged by the others."""
+ERRORS = EnsembleParams(
+    members=1, hidden=(64, 64), activation="tanh", loss="mse", optimiser=OptimiserParams(learning_rate=3e-3),
+    batch_size=256, epochs=12, cluster_epochs=1, early_stopping=4,
+)  # fmt: skip
+"""How the network of errors is trained."""
+
+
+@dataclass(frozen=True)
+class Stretches:
+    """Recorded stretches of episodes from many starts on, as far as each episode goes."""
+
+    history: Float32[Tensor, "stretch ..."]
+    """First states with those before them, as `AddressedDynamics.rollout` takes them."""
+    actions: Tensor
+    """The actions beside them and after them; where the episode is over, its last."""
+    exogenous: Float32[Tensor, "stretch time exogenous"]
+    """What stands beside the actions."""
+    states: Float32[Tensor, "stretch step observation"]
+    """What really followed."""
+    there: Bool[np.ndarray, "stretch step"]
+    """Whether the episode goes on so long."""
+    episode: Int64[np.ndarray, " stretch"]
+
+
+def calibrate(
+    model: AddressedDynamics, partner: AddressedDynamics, train: Points, validation: Points, *, steps: int
+) -> Trust:
+    """Return how far a model is to be trusted.
+
+    Intervals are calibrated by the errors of validation episodes, one step ahead and in rollouts that begin all over
+    them. How much wider they must be than those errors say, because a new episode is another one, follows from judging
+    each part of the episodes by the others.
+
+    Args:
+        model: in the mode in which it is used.
+        partner: a second model of the same data.
+        train: what both were trained on.
+        validation: what neither was.
+        steps: longest rollouts.
+
+    Raises:
+        EvaluationError: there are too few validation episodes.
+    """
+    episodes = len(np.unique(validation.episode))
+    if episodes < FEWEST_EPISODES:
+        message = (
+            f"calibration needs at least {FEWEST_EPISODES} validation episodes, but there are {episodes}: raise "
+            "convert.validation_share or record more episodes"
+        )
+        raise EvaluationError(message)
+    gauge = make_gauge(model, partner, train, validation)
+    chosen = _drawn(validation, "trust/validation")
+    error, found = one_step(model, partner, gauge, validation, chosen)
+    signals = tuple(Reference.of(each) for each in found.signals)
+    combined = Reference.of(together(signals, found.signals))
+    surprise = Reference.of(beyond_expectation(error, found.error))
+    multiples, reached = [_multiples((error.abs() / found.error).numpy(), validation.episode[chosen.numpy()])], [1]
+    for step, ratios, of in _rollout_ratios(model, partner, gauge, validation, steps):
+        multiples.append(np.maximum(_multiples(ratios, of), 0.0))
+        reached.append(step)
+    return Trust(
+        gauge, partner, signals, combined, surprise, tuple(reached), COVERAGES,
+        np.stack(multiples).astype(np.float32), episodes,
+    )  # fmt: skip
+
+
+def make_gauge(model: AddressedDynamics, partner: AddressedDynamics, train: Points, validation: Points) -> Gauge:
+    """Return what is expected of a model's errors, learned from its errors in training and weighted in validation."""
+    chosen, held_out = _drawn(train, "trust/train"), _drawn(validation, "trust/validation")
+    x, x_validation = train.x(model.features)[chosen], validation.x(model.features)[held_out]
+    scale = torch.tensor(model.features.scale)
+    error, _ = _errors(model, partner, train, chosen)
+    error_validation, apart = _errors(model, partner, validation, held_out)
+    error, error_validation, apart = error.abs() / scale, error_validation.abs() / scale, apart.abs() / scale
+    floor = torch.from_numpy(np.quantile(error.numpy(), 0.01, axis=0)).float() + 1e-9
+    logs, logs_validation = (error + floor).log(), (error_validation + floor).log()
+    mean, deviation = x.mean(dim=0), x.std(dim=0, correction=0) + 1e-6
+    standard, standard_validation = (x - mean) / deviation, (x_validation - mean) / deviation
+    error_mean = logs.mean(dim=0)
+    network = _network_of_errors(standard, logs - error_mean, standard_validation, logs_validation - error_mean)
+    covariance = standard.double().T @ standard.double() / len(standard) + 1e-6 * torch.eye(len(mean)).double()
+    whitening = torch.linalg.cholesky(torch.linalg.inv(covariance)).float()
+    with torch.no_grad():
+        says = network(standard_validation)[0] + error_mean
+    tensors = {
+        "mean": mean, "deviation": deviation, "whitening": whitening, "centres": cover(x, CENTRES),
+        "error_mean": error_mean, "floor": floor, "limits": torch.ones(2),
+        "weights": _weights(says, (apart + floor).log(), logs_validation),
+    }  # fmt: skip
+    unlimited = Gauge(model.features, network, tensors)
+    with torch.no_grad():
+        distances = unlimited.scales(x_validation, torch.zeros_like(apart)).signals[1:]
+    limits = torch.from_numpy(np.exp(np.quantile(distances, 0.99, axis=1))).float().clamp(min=1e-6)
+    return Gauge(model.features, network, {**tensors, "limits": limits})
+
+
+def cover(x: Float[Tensor, "row input"], number: int) -> Float[Tensor, "centre input"]:
+    """Return rows that cover all: each next one is the farthest from those before (Gonzalez 1985)."""
+    chosen = [int((x - x.mean(dim=0)).square().sum(dim=1).argmin())]
+    nearest = (x - x[chosen[0]]).square().sum(dim=1)
+    while len(chosen) < min(number, len(x)) and float(nearest.max()) > 0:
+        chosen.append(int(nearest.argmax()))
+        nearest = torch.minimum(nearest, (x - x[chosen[-1]]).square().sum(dim=1))
+    return x[chosen].clone()
+
+
+@torch.no_grad()
+def one_step(
+    model: AddressedDynamics, partner: AddressedDynamics, gauge: Gauge, points: Points, chosen: Int64[Tensor, " chosen"]
+) -> tuple[Float[Tensor, "chosen observation"], Scales]:
+    """Return the errors of some points one step ahead, in the environment's units, and what was expected of them."""
+    error, apart = _errors(model, partner, points, chosen)
+    return error, gauge.scales(points.x(model.features)[chosen], apart)
+
+
+def stretches(points: Points, steps: int, most: int, name: str) -> Stretches:
+    """Return recorded stretches of at most so many steps from starts that are drawn from all points.
+
+    Args:
+        points: of the episodes.
+        steps: longest stretch.
+        most: number of starts, at most.
+        name: of the source of randomness.
+    """
+    rows, transitions, history = points.rows, points.transitions, points.features.history
+    drawn = torch.randperm(len(rows), generator=named_generator(0, name))[:most].sort().values.numpy()
+    start = rows[drawn]
+    last = last_rows(transitions)[start]
+    after = start[:, None] + np.arange(steps)
+    within = np.minimum(start[:, None] + np.arange(1 - history, steps), last[:, None])
+    return Stretches(
+        windows(torch.from_numpy(transitions.observation), torch.from_numpy(start), history),
+        torch.from_numpy(transitions.action[within]),
+        torch.from_numpy(transitions.exogenous[within]),
+        torch.from_numpy(transitions.next_observation[np.minimum(after, last[:, None])]),
+        after <= last[:, None],
+        transitions.episode[start],
+    )
+
+
+@torch.no_grad()
+def follow(model: AddressedDynamics, partner: AddressedDynamics, gauge: Gauge, ways: Stretches) -> Followed:
+    """Return the rollouts of a model along stretches, with what was expected of its errors."""
+
+    def scales(
+        used: AddressedDynamics, observation: Tensor, action: Tensor, exogenous: Tensor | None, predicted: Tensor,
+        x: Tensor,
+    ) -> Scales:  # fmt: skip
+        return gauge.scales(x, difference(used, partner, observation, action, exogenous, predicted, x))
+
+    return model.follow(ways.history, ways.actions, ways.exogenous, scales, model.mode)
+
+
+def reachable(points: Points, steps: int) -> int:
+    """Return the longest rollout of at most so many steps that enough episodes have."""
+    lengths = np.sort(np.unique(points.episode, return_counts=True)[1])
+    return int(min(steps, lengths[-FEWEST_EPISODES])) if len(lengths) >= FEWEST_EPISODES else 0
+
+
+def _rollout_ratios(
+    model: AddressedDynamics, partner: AddressedDynamics, gauge: Gauge, validation: Points, steps: int
+) -> Iterator[tuple[int, Float64[np.ndarray, "rollout observation"], Int64[np.ndarray, " rollout"]]]:
+    """Yield the errors of rollouts in multiples of what was expected, after more and more steps, and their episodes."""
+    longest = reachable(validation, steps)
+    if longest < STEPS[1]:
+        return
+    ways = stretches(validation, longest, min(MOST_ROLLOUTS, max(FOLDS, MOST_STEPS // longest)), "trust/rollouts")
+    followed = follow(model, partner, gauge, ways)
+    ratio = ((followed.states - ways.states).double().abs() / followed.scale).nan_to_num(nan=torch.inf).numpy()
+    for step in [each for each in STEPS[1:] if each <= longest]:
+        there = ways.there[:, step - 1]
+        if len(np.unique(ways.episode[there])) < FEWEST_EPISODES:
+            return
+        yield step, ratio[there, step - 1], ways.episode[there]
+
+
+def _multiples(
+    ratios: Float64[np.ndarray, "row observation"] | Float32[np.ndarray, "row observation"],
+    episode: Int64[np.ndarray, " row"],
+) -> Float64[np.ndarray, "coverage observation"]:
+    """Return for each coverage the multiple of the expected sizes that covers as many errors of other episodes."""
+    values = np.where(np.isfinite(ratios), ratios, np.nanmax(ratios, where=np.isfinite(ratios), initial=0.0))
+    levels = np.concatenate([np.linspace(0.0, 0.98, 99), np.linspace(0.981, 1.0, 20)])
+    order = np.unique(episode)
+    folds = np.array_split(np.random.default_rng(0).permutation(order), min(FOLDS, len(order)))
+    covered = np.zeros((len(levels), values.shape[1]))
+    for fold in folds:
+        inside = np.isin(episode, fold)
+        limits = np.quantile(values[~inside], levels, axis=0)
+        for column in range(values.shape[1]):
+            ordered = np.sort(values[inside, column])
+            covered[:, column] += np.searchsorted(ordered, limits[:, column], side="right")
+    covered /= len(values)
+    found = []
+    for column in range(values.shape[1]):
+        # As often as not exactly so many are covered; a level is the lowest that covers enough.
+        rising = np.maximum.accumulate(covered[:, column])
+        level = np.interp(COVERAGES, rising, levels)
+        found.append(np.quantile(values[:, column], level))
+    return np.stack(found, axis=1)
+
+
+def _network_of_errors(x: Tensor, logs: Tensor, x_validation: Tensor, logs_validation: Tensor) -> StackedMLP:
+    parts = []
+    for inputs, outputs in ((x, logs), (x_validation, logs_validation)):
+        rows = torch.arange(len(inputs))
+        parts.append(Samples(inputs.float().contiguous(), outputs.float().contiguous(), rows, torch.zeros_like(rows)))
+    *_, last = train_ensemble(parts[0], parts[1], ERRORS, seed=0, loss_unit=1.0)
+    return last.network
+
+
+def _weights(
+    says: Float[Tensor, "row observation"],
+    apart: Float[Tensor, "row observation"],
+    logs: Float[Tensor, "row observation"],
+) -> Float[Tensor, "3 observation"]:
+    """Return weights of two logarithms, neither below 0, and a constant, with the least squared error of a third."""
+    found = []
+    for column in range(logs.shape[1]):
+        a, b, y = (each[:, column].double().numpy() for each in (says, apart, logs))
+        options = []
+        for used in ((0, 1), (0,), (1,), ()):
+            matrix = np.stack([*((a, b)[k] for k in used), np.ones_like(y)], axis=1)
+            solution = np.linalg.lstsq(matrix, y, rcond=None)[0]
+            if (solution[:-1] >= 0).all():
+                weights = np.zeros(3)
+                weights[[*used, 2]] = solution
+                options.append((float(((matrix @ solution - y) ** 2).mean()), weights))
+        found.append(min(options, key=lambda option: option[0])[1])
+    return torch.from_numpy(np.stack(found, axis=1)).float()
+
+
+@torch.no_grad()
+def _errors(
+    model: AddressedDynamics, partner: AddressedDynamics, points: Points, chosen: Int64[Tensor, " chosen"]
+) -> tuple[Float[Tensor, "chosen observation"], Float[Tensor, "chosen observation"]]:
+    """Return errors one step ahead, and what a second model predicts otherwise, both in the environment's units."""
+    errors, apart = [], []
+    truth = torch.from_numpy(points.next_observation)
+    for part in torch.split(chosen, CHUNK_ROWS):
+        observation, action = points.inputs(part)
+        given = (observation, action, points.exogenous_inputs(part))
+        x = points.x(model.features)[part]
+        predicted = model.step(*given, x=x)
+        errors.append(truth[part] - predicted)
+        apart.append(difference(model, partner, *given, predicted, x))
+    return torch.cat(errors), torch.cat(apart)
+
+
+def _drawn(points: Points, name: str) -> Int64[Tensor, " chosen"]:
+    """Return numbers of points, drawn without repetition and sorted; all if they are few."""
+    return torch.randperm(len(points), generator=named_generator(0, name))[:MOST_POINTS].sort().values

@@ -1,0 +1,102 @@
+"""Where the trust in an experiment's models is written, and for which of them there is one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from addressed_dynamics.base.errors import ModelError
+from addressed_dynamics.base.files import atomic_path, write_json
+from addressed_dynamics.features.transitions.spec import FeatureSpec
+from addressed_dynamics.networks.files import read_index
+from addressed_dynamics.simulators.delivery import Origin
+from addressed_dynamics.simulators.modes import Mode
+from addressed_dynamics.simulators.trust import Trust, load_trust, partner_of, save_trust
+
+FOLDER = "trust"
+"""Name of the folder in a folder of models."""
+INDEX = "trust.json"
+
+
+@dataclass(frozen=True)
+class TrustFile:
+    """Where to look when a model is asked how far it is to be trusted."""
+
+    models: Path
+    """Folder of the experiment's models."""
+    origin: Origin | None
+    """Which of them it is."""
+    mode: Mode
+    """How it was loaded."""
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """The trust in one model."""
+
+    origin: Origin
+    mode: str
+    """The addressing mode in which it was calibrated."""
+    trust: Trust
+    partner: Mapping[str, Any]
+    """Which model the second one is, as arguments of `AddressedDynamics.load`."""
+
+
+def write_trust(models: Path, calibrated: Sequence[Calibrated], missing: str | None) -> None:
+    """Write the trust in some of an experiment's models, in place of what was there.
+
+    Args:
+        models: folder of the experiment's models.
+        calibrated: those that there is one for.
+        missing: why there is none for any; None if there is.
+    """
+    with atomic_path(models / FOLDER) as folder:
+        folder.mkdir(parents=True)
+        entries = []
+        for each in calibrated:
+            name = "-".join(map(str, [each.origin.candidate, each.origin.seed, each.origin.variant or "", each.mode]))
+            save_trust(folder / name, each.trust, dict(each.partner))
+            entries.append({**asdict(each.origin), "mode": each.mode, "folder": name})
+        write_json(folder / INDEX, {"format": 1, "models": entries, "missing": missing})
+
+
+def find_trust(place: TrustFile, features: FeatureSpec) -> Trust:
+    """Return the trust in a model.
+
+    Args:
+        place: where to look.
+        features: the model's.
+
+    Raises:
+        ModelError: there is none for it, or a file is missing or damaged.
+    """
+    from addressed_dynamics.simulators.addressed import AddressedDynamics
+
+    folder = place.models / FOLDER
+    if not folder.is_dir():
+        message = (
+            f"{folder}: missing, so nobody knows how far these models are to be trusted; evaluation calibrates that: "
+            f"'dvc repro evaluate@{place.models.name}'"
+        )
+        raise ModelError(message)
+    index = read_index(folder, INDEX)
+    try:
+        entries, missing = [dict(each) for each in index["models"]], index["missing"]
+        wanted = None if place.origin is None else {**asdict(place.origin), "mode": place.mode}
+        found = [each["folder"] for each in entries if wanted and wanted.items() <= each.items()]
+        shown = [f"{Origin(each['candidate'], each['seed'], each['variant'])}, mode {each['mode']}" for each in entries]
+    except (KeyError, TypeError, ValueError) as error:
+        message = f"{folder / INDEX}: incomplete or malformed ({error}); 'dvc repro' writes it anew"
+        raise ModelError(message) from error
+    if not found:
+        asked = f"{place.origin}, mode {place.mode}" if place.origin else "this model"
+        why = missing or f"there is one for {' and for '.join(shown) or 'no model'}"
+        message = f"{folder}: no trust was calibrated for {asked}: {why}"
+        raise ModelError(message)
+    trust = load_trust(folder / found[0], AddressedDynamics.load(place.models, **partner_of(folder / found[0])))
+    if trust.gauge.features != features:
+        message = f"{folder / found[0]}: it was calibrated for another model; 'dvc repro' evaluates this one"
+        raise ModelError(message)
+    return trust

@@ -1,0 +1,71 @@
+"""A model whose errors are known: a straight line through noisy data, with a second one from other noise."""
+
+from functools import cache
+
+import numpy as np
+import torch
+
+from addressed_dynamics.episodes.transitions import ContinuousAction, Dimension, SpaceSpec, Transitions
+from addressed_dynamics.evaluation.transitions.calibration import calibrate
+from addressed_dynamics.evaluation.transitions.points import Points
+from addressed_dynamics.features.transitions.spec import FeatureSpec, fit_features
+from addressed_dynamics.networks.stacked import StackedMLP
+from addressed_dynamics.simulators.addressed import AddressedDynamics
+from addressed_dynamics.simulators.trust import Trust
+from addressed_dynamics.sources.transitions.params import FeatureParams
+
+NOISE = 0.1
+"""Standard deviation of what no model can know, in both dimensions."""
+SPACES = SpaceSpec(
+    observation=(Dimension("position", "m", -np.inf, np.inf), Dimension("speed", "m/s", -np.inf, np.inf)),
+    action=ContinuousAction((Dimension("thrust", "N", -1.0, 1.0),)),
+    step_seconds=0.1,
+)
+
+
+def drifting(episodes: int, seed: int, *, length: int = 40, gain: float = 0.5, scale: float = 1.0) -> Transitions:
+    """Episodes of x' = 0.9 x + gain u + noise in both dimensions, from starts of a standard deviation of `scale`."""
+    generator = np.random.default_rng(seed)
+    states = np.empty((episodes, length + 1, 2), np.float32)
+    thrust = generator.uniform(-1.0, 1.0, (episodes, length, 1)).astype(np.float32)
+    states[:, 0] = scale * generator.standard_normal((episodes, 2))
+    for step in range(length):
+        noise = NOISE * generator.standard_normal((episodes, 2))
+        states[:, step + 1] = 0.9 * states[:, step] + gain * thrust[:, step] + noise
+    rows = episodes * length
+    last = np.tile(np.arange(length) == length - 1, episodes)
+    return Transitions(
+        spec=SPACES,
+        episode=np.repeat(np.arange(episodes), length),
+        step=np.tile(np.arange(length, dtype=np.int32), episodes),
+        time_ns=np.arange(rows, dtype=np.int64) * 100_000_000,
+        observation=states[:, :-1].reshape(rows, 2),
+        action=thrust.reshape(rows, 1),
+        reward=np.zeros(rows, np.float32),
+        next_observation=states[:, 1:].reshape(rows, 2),
+        terminated=np.zeros(rows, bool),
+        truncated=last,
+    )
+
+
+def linear_model(features: FeatureSpec, data: Transitions) -> AddressedDynamics:
+    """Return the least-squares line through some transitions as a model."""
+    points = Points.of(data, features)
+    x = points.x(features).double()
+    y = features.encode_target(torch.from_numpy(points.observation), torch.from_numpy(points.next_observation)).double()
+    solution = torch.linalg.lstsq(torch.cat([x, torch.ones(len(x), 1).double()], dim=1), y).solution.float()
+    network = StackedMLP(1, (features.inputs, features.outputs), "relu").requires_grad_(requires_grad=False)
+    network.weights[0].copy_(solution[:-1].unsqueeze(0))
+    network.biases[0].copy_(solution[-1].view(1, 1, -1))
+    return AddressedDynamics(features, network)
+
+
+@cache
+def trusted_model(history: int = 1) -> tuple[AddressedDynamics, AddressedDynamics, Trust]:
+    """Return a model, the second one and what was calibrated on validation episodes."""
+    train, validation = drifting(80, 0), drifting(40, 1)
+    features = fit_features(train, FeatureParams(history=history))
+    half = train.episode < 40
+    model, partner = linear_model(features, train.select(half)), linear_model(features, train.select(~half))
+    trust = calibrate(model, partner, Points.of(train, features), Points.of(validation, features), steps=30)
+    return AddressedDynamics(features, model.ensemble, trust=trust), partner, trust
