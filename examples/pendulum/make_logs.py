@@ -45,33 +45,38 @@ State = Float64[np.ndarray, "2 episode"]
 
 
 def integrate(
-    torque: Float64[np.ndarray, "tick episode"], angle: Float64[np.ndarray, " episode"]
+    torque: Float64[np.ndarray, "tick episode"], angle: Float64[np.ndarray, " episode"], length: float = LENGTH
 ) -> Float64[np.ndarray, "time 2 episode"]:
-    """Return the states before each tick and after the last one, from rest at `angle` (rad) under `torque` (N m)."""
+    """Return the states before each tick and after the last one, from rest at `angle` (rad) under `torque` (N m).
+
+    The mass is at the end of an arm of `length` (m).
+    """
     states = np.empty((len(torque) + 1, 2, len(angle)))
     states[0] = angle, np.zeros_like(angle)
     for tick, applied in enumerate(torque):  # Runge and Kutta, order 4
         state = states[tick]
-        k1 = _derivative(state, applied)
-        k2 = _derivative(state + TICK / 2 * k1, applied)
-        k3 = _derivative(state + TICK / 2 * k2, applied)
-        k4 = _derivative(state + TICK * k3, applied)
+        k1 = _derivative(state, applied, length)
+        k2 = _derivative(state + TICK / 2 * k1, applied, length)
+        k3 = _derivative(state + TICK / 2 * k2, applied, length)
+        k4 = _derivative(state + TICK * k3, applied, length)
         states[tick + 1] = state + TICK / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
     return states
 
 
-def _derivative(state: State, torque: Float64[np.ndarray, " episode"]) -> State:
+def _derivative(state: State, torque: Float64[np.ndarray, " episode"], length: float) -> State:
     angle, speed = state
     friction = VISCOUS * speed + DRY * np.tanh(speed / DRY_SPEED)
-    gravity = MASS * GRAVITY * LENGTH * np.sin(angle)
-    return np.stack([speed, (torque - friction - gravity) / (MASS * LENGTH**2)])
+    gravity = MASS * GRAVITY * length * np.sin(angle)
+    return np.stack([speed, (torque - friction - gravity) / (MASS * length**2)])
 
 
-def simulate(episodes: int, seconds: float, generator: np.random.Generator) -> list[list[Message]]:
+def simulate(
+    episodes: int, seconds: float, generator: np.random.Generator, length: float = LENGTH
+) -> list[list[Message]]:
     """Return the messages of some episodes, in the order of their times.
 
     A torque is drawn and held for a random number of commands. The longest possible episode takes `seconds`, the
-    shortest 0.7 of that.
+    shortest 0.7 of that. The arm has `length` (m).
     """
     torque = np.empty((round(seconds / TICK), episodes))
     grid = np.arange(len(torque) + 1) * TICK
@@ -84,7 +89,7 @@ def simulate(episodes: int, seconds: float, generator: np.random.Generator) -> l
         newest = np.searchsorted(sent, grid[:-1], side="right") - 1
         torque[:, episode] = np.where(newest < 0, 0.0, torques[newest])
         logged.append([(at, COMMAND, {"data": each}) for at, each in zip(sent.tolist(), torques.tolist(), strict=True)])
-    states = integrate(torque, generator.uniform(-0.8, 0.8, episodes))
+    states = integrate(torque, generator.uniform(-0.8, 0.8, episodes), length)
     for episode, messages in enumerate(logged):
         read = _jittered(seconds, SENSOR_PERIOD, SENSOR_JITTER, generator)
         noise = generator.normal(0.0, [POSITION_NOISE, VELOCITY_NOISE], (len(read), 2)).T
@@ -175,6 +180,24 @@ LOGS = {"protobuf": protobuf_log, "json": json_log, "ros2": ros2_log}
 """What begins each log, by the name of its file."""
 
 
+def write_logs(folder: Path, *, episodes: int, seconds: float, seed: int, length: float = LENGTH) -> None:
+    """Write a log in each encoding, with so many episodes, the longest of which take `seconds`.
+
+    The arm has `length` (m).
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    simulated = simulate(len(LOGS) * episodes, seconds, np.random.default_rng(seed), length)
+    for index, (name, log) in enumerate(LOGS.items()):
+        start_ns = START_NS
+        with (folder / f"{name}.mcap").open("wb") as file:
+            write, finish = log(file)
+            for messages in simulated[index :: len(LOGS)]:
+                for at, topic, fields in messages:
+                    write(topic, start_ns + round(at * 1e9), fields)
+                start_ns += round((messages[-1][0] + PAUSE) * 1e9)
+            finish()
+
+
 def main() -> None:
     """Write the logs."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -183,17 +206,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=20.0, help="length of the longest episodes")
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
-    options.out.mkdir(parents=True, exist_ok=True)
-    episodes = simulate(len(LOGS) * options.episodes, options.seconds, np.random.default_rng(options.seed))
-    for index, (name, log) in enumerate(LOGS.items()):
-        start_ns = START_NS
-        with (options.out / f"{name}.mcap").open("wb") as file:
-            write, finish = log(file)
-            for messages in episodes[index :: len(LOGS)]:
-                for at, topic, fields in messages:
-                    write(topic, start_ns + round(at * 1e9), fields)
-                start_ns += round((messages[-1][0] + PAUSE) * 1e9)
-            finish()
+    write_logs(options.out, episodes=options.episodes, seconds=options.seconds, seed=options.seed)
 
 
 if __name__ == "__main__":

@@ -31,6 +31,7 @@ from addressed_dynamics.sources.transitions.params import ExperimentParams, Reco
 
 SINGLE = {"hidden": [8], "activation": "relu", "batch_size": 4}
 RECORDED = {"kind": "recorded", "episodes": 3, "steps": 20, "seed": 0}
+SHIFT = {"kind": "starts", "environment": {"id": "Car-v0"}, "behaviour": {"kind": "constant", "action": 1}}
 
 
 def read(tmp_path: Path, section: Any) -> ExperimentParams:
@@ -66,6 +67,19 @@ def test_a_whole_section_is_read(tmp_path: Path) -> None:
 def test_rollouts_may_replay_what_was_recorded(tmp_path: Path) -> None:
     params = read(tmp_path, changed("evaluation.rollouts", RECORDED))
     assert params.evaluation.rollouts == RecordedRollouts(kind="recorded", episodes=3, steps=20, seed=0)
+
+
+def test_a_shift_stands_under_its_name_and_is_as_long_as_a_history(tmp_path: Path) -> None:
+    (shift,) = read(tmp_path, changed("evaluation.shifts", {"fast": SHIFT})).evaluation.shifts
+    assert (shift.name, shift.environment.id, shift.episodes, shift.steps) == ("fast", "Car-v0", 40, 100)
+    section = changed("evaluation.shifts", {"fast": SHIFT | {"steps": 4}})
+    section["features"]["history"] = 4
+    assert read(tmp_path, section).evaluation.shifts[0].steps == 4
+    section["features"]["history"] = 5
+    with pytest.raises(
+        ParamsError, match=r"evaluation\.shifts\.fast\.steps is 4, but features.history asks for 5 frames"
+    ):
+        read(tmp_path, section)
 
 
 def test_another_recipe_changes_some_keys_of_some_sections(tmp_path: Path) -> None:
@@ -119,6 +133,16 @@ def test_params_cannot_be_changed(tmp_path: Path) -> None:
         ("evaluation.rollouts.environment", ..., "car.evaluation.rollouts.environment: missing key"),
         ("evaluation.rollouts", RECORDED | {"steps": 1}, "car.evaluation.rollouts.steps: input should be greater than"),
         ("evaluation.rollouts", RECORDED | {"environment": {}}, "car.evaluation.rollouts.environment: unknown key"),
+        ("evaluation.shifts", {"a": SHIFT | {"kind": "end"}}, "car.evaluation.shifts.a.kind: input should be 'starts'"),
+        ("evaluation.shifts", {"a b": SHIFT}, "car.evaluation.shifts.a b"),
+        ("evaluation.shifts", [SHIFT | {"name": "a"}] * 2, "two shifts are called 'a'"),
+        ("evaluation.shifts", {"a": SHIFT | {"behaviour": {"kind": "dqn"}}}, "shifts.a.behaviour: input tag 'dqn'"),
+        ("evaluation.shifts", {"a": {"kind": "behaviour", "environment": {"id": "Car"}}}, "a.behaviour: missing key"),
+        (
+            "evaluation.shifts",
+            {"a": SHIFT | {"kind": "behaviour", "behaviour": {"kind": "constant", "action": "left"}}},
+            "car.evaluation.shifts.a.behaviour.action: input should be",
+        ),
         ("baselines.single_networks.pair", {}, "car.baselines.single_networks.pair"),
         ("baselines.single_networks.two words", SINGLE, "car.baselines.single_networks.two words"),
         ("baselines.single_networks.unequal_bins", SINGLE, "'unequal_bins' has a meaning already"),

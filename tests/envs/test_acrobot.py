@@ -70,18 +70,18 @@ def test_a_state_is_found_again_in_its_observation(numbers: list[float]) -> None
     np.testing.assert_allclose(acrobot_state(twice), state, rtol=0.0, atol=1e-14)
 
 
-def drift(time_step: float, seconds: float, seed: int) -> float:
+def drift(time_step: float, seconds: float, seed: int, link_masses: tuple[float, float] = (1.0, 1.0)) -> float:
     """The largest change of energy at zero torque, relative to the energy of the fall from the top."""
-    env = Acrobot(time_step=time_step, ends_at_goal=False, **WIDE)
+    env = Acrobot(time_step=time_step, ends_at_goal=False, link_masses=link_masses, **WIDE)
     env.reset(seed=seed)
     states = [np.asarray(env.state, dtype=np.float64)]
     for _ in range(round(seconds / time_step)):
         env.step(1)
         states.append(np.asarray(env.state, dtype=np.float64))
-    energy = acrobot_energy(np.array(states))
+    energy = acrobot_energy(np.array(states), link_masses)
     bounded = np.abs(states)[:, 2:].max(axis=0) >= np.array([env.MAX_VEL_1, env.MAX_VEL_2])
     assert not bounded.any(), "a bounded velocity loses energy"
-    top, bottom = acrobot_energy(np.array([[np.pi, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0]]))
+    top, bottom = acrobot_energy(np.array([[np.pi, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0]]), link_masses)
     return float(np.abs(energy - energy[0]).max() / (top - bottom))
 
 
@@ -91,6 +91,36 @@ def test_energy_is_conserved_to_the_accuracy_of_the_integration(seed: int) -> No
     assert coarse < 1e-4
     # Of fourth order: half the step makes a sixteenth of the error in a step, and twice as many steps.
     assert fine < coarse / 8
+
+
+@pytest.mark.parametrize("link_masses", [(1.0, 1.5), (0.5, 3.0)])
+def test_with_heavier_links_their_own_energy_is_conserved(link_masses: tuple[float, float]) -> None:
+    assert drift(0.01, 5.0, 0, link_masses) < 1e-4
+
+
+def test_what_a_heavier_link_weighs_is_lifted_with_it() -> None:
+    hanging, lifted = np.array([[0.0, 0.0, 0.0, 0.0], [0.0, np.pi, 0.0, 0.0]])
+    for mass in (1.0, 2.0):
+        energy = acrobot_energy(np.stack([hanging, lifted]), (1.0, mass))
+        # The middle of the second link rises from 1.5 m below the hinge to 0.5 m below it.
+        assert energy[1] - energy[0] == pytest.approx(mass * 9.8 * 1.0)
+
+
+@given(st.integers(0, 2**16), st.floats(0.2, 5.0), st.floats(0.2, 5.0))
+def test_a_step_with_other_masses_is_the_step_of_that_environment(seed: int, mass_1: float, mass_2: float) -> None:
+    env, generator = Acrobot(ends_at_goal=False, link_masses=(mass_1, mass_2)), np.random.default_rng(seed)
+    state, action = generator.uniform(-3.0, 3.0, 4), int(generator.integers(0, 3))
+    env.reset(seed=seed)
+    env.state = state.copy()
+    env.step(action)
+    found = acrobot_step(state, np.array(action), 0.02, (mass_1, mass_2))
+    np.testing.assert_allclose(found, env.state, rtol=0.0, atol=1e-12)
+
+
+def test_masses_are_an_environments_own_and_by_default_gymnasiums() -> None:
+    Acrobot(link_masses=(2.0, 3.0))
+    ours = Acrobot()
+    assert (ours.LINK_MASS_1, ours.LINK_MASS_2) == (AcrobotEnv.LINK_MASS_1, AcrobotEnv.LINK_MASS_2) == (1.0, 1.0)
 
 
 def test_the_end_at_the_goal_is_a_choice() -> None:
@@ -132,7 +162,15 @@ def test_its_numbers_are_described() -> None:
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"time_step": 0.0}, {"torque_noise": -1.0}, {"start_angle": (1.0, 0.0)}, {"start_velocity": (0.0, 99.0)}]
+    "wrong",
+    [
+        {"time_step": 0.0},
+        {"torque_noise": -1.0},
+        {"start_angle": (1.0, 0.0)},
+        {"start_velocity": (0.0, 99.0)},
+        {"link_masses": (1.0, 0.0)},
+        {"link_masses": (1.0,)},
+    ],
 )
 def test_settings_that_make_no_acrobot_are_one_clear_error(wrong: dict[str, object]) -> None:
     with pytest.raises(SpaceError, match=next(iter(wrong))):

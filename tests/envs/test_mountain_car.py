@@ -38,6 +38,32 @@ def test_the_kernel_follows_the_environment_for_a_whole_episode(seed: int) -> No
         np.testing.assert_array_equal(observation, state[0].astype(np.float32))
 
 
+@given(st.floats(0.0, 0.01), st.floats(0.0, 0.01), st.integers(0, 2**16))
+def test_a_changed_engine_and_slope_change_the_equations_as_they_say(force: float, gravity: float, seed: int) -> None:
+    env = MountainCarContinuing(force=force, gravity=gravity)
+    env.reset(seed=seed)
+    generator = np.random.default_rng(seed)
+    for action in generator.integers(0, 3, 20):
+        # Away from walls and the speed limit, where nothing but the equations acts.
+        position, velocity = env.state = generator.uniform([-0.9, -0.04], [0.4, 0.04])
+        env.step(action)
+        expected = velocity + (action - 1) * force - gravity * np.cos(3 * position)
+        np.testing.assert_allclose(env.state, [position + expected, expected], rtol=0, atol=1e-15)
+        found = mountain_car_step(np.array([[position, velocity]]), np.array([action]), force, gravity)
+        np.testing.assert_array_equal(found[0], env.state)
+
+
+def test_by_default_engine_and_slope_are_gymnasiums() -> None:
+    ours, theirs = MountainCarContinuing(), MountainCarEnv()
+    assert (ours.force, ours.gravity) == (theirs.force, theirs.gravity)
+
+
+@pytest.mark.parametrize("wrong", [{"force": -0.001}, {"gravity": 1.0}, {"force": float("nan")}])
+def test_an_engine_or_a_slope_that_no_car_has_is_one_clear_error(wrong: dict[str, float]) -> None:
+    with pytest.raises(SpaceError, match=rf"^{next(iter(wrong))} should be a number in 0..0.07, but is [^\n]*$"):
+        MountainCarContinuing(**wrong)
+
+
 @given(position=positions, velocity=st.floats(-0.07, -1e-6))
 def test_the_left_wall_stops_the_car_and_the_right_wall_keeps_its_velocity(position: float, velocity: float) -> None:
     left = mountain_car_step(np.array([[-1.2, velocity]]), np.array([0]))[0]

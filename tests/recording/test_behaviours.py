@@ -7,8 +7,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from addressed_dynamics.base.errors import RecordingError
-from addressed_dynamics.envs import mountain_car_step
-from addressed_dynamics.recording.behaviours import HeldActions, Policy, constant_policy, mostly, random_policy
+from addressed_dynamics.base.params.recording import SignBehaviour
+from addressed_dynamics.envs import MountainCarContinuing, mountain_car_step
+from addressed_dynamics.recording.behaviours import (
+    HeldActions,
+    Policy,
+    constant_policy,
+    mostly,
+    random_policy,
+    sign_policy,
+    unlearned_policy,
+)
 
 DISCRETE = spaces.Discrete(3)
 BOX = spaces.Box(np.float32([-1, 0]), np.float32([1, 5]))
@@ -84,6 +93,27 @@ def test_held_actions_reach_the_goal_of_mountain_car_and_unheld_ones_do_not() ->
 def test_a_constant_policy_takes_its_action_in_all_copies() -> None:
     assert run(constant_policy(DISCRETE, 4, 2), 3).tolist() == [[2] * 4] * 3
     np.testing.assert_array_equal(run(constant_policy(BOX, 2, (0.5, 1.0)), 1)[0], np.float32([[0.5, 1.0]] * 2))
+
+
+def test_a_sign_policy_follows_the_sign_of_one_component_of_each_copy() -> None:
+    observations = np.array([[1.0, -0.5], [-1.0, 0.0], [-1.0, 3.0], [1.0, -0.0]])
+    assert sign_policy(DISCRETE, 1, 0, 2)(observations).tolist() == [0, 2, 2, 2]
+    assert sign_policy(DISCRETE, 0, 0, 2)(observations).tolist() == [2, 0, 0, 2]
+    found = sign_policy(BOX, 1, (-1.0, 0.0), (1.0, 5.0))(observations[:2])
+    np.testing.assert_array_equal(found, np.float32([[-1, 0], [1, 5]]), strict=True)
+    with pytest.raises(RecordingError, match=r"expected the action 'positive' in Discrete\(3\), found 3"):
+        sign_policy(DISCRETE, 1, 0, 3)
+
+
+def test_a_push_in_the_direction_of_motion_reaches_the_goal_of_mountain_car() -> None:
+    behaviour = SignBehaviour(kind="sign", dimension="velocity", negative=0, positive=2)
+    policy = unlearned_policy(behaviour, MountainCarContinuing(), 3, generator())
+    state = np.array([[-0.6, 0.0], [-0.5, 0.0], [-0.4, 0.0]])
+    highest = state[:, 0]
+    for _ in range(200):
+        state = mountain_car_step(state, policy(state))
+        highest = np.maximum(highest, state[:, 0])
+    assert (highest >= 0.5).all()
 
 
 @pytest.mark.parametrize("action", [3, -1, (0.0,), (0.0, 0.0)])

@@ -16,6 +16,8 @@ from addressed_dynamics.base.errors import SpaceError
 
 GRAVITY = 9.8
 """What the equations of motion of Gymnasium's Acrobot have, in m/s²."""
+LINK_MASSES = (AcrobotEnv.LINK_MASS_1, AcrobotEnv.LINK_MASS_2)
+"""What the links of Gymnasium's Acrobot weigh, in kg."""
 
 
 class Acrobot(AcrobotEnv):
@@ -27,6 +29,8 @@ class Acrobot(AcrobotEnv):
         ends_at_goal: whether an episode terminates when the tip is above the goal; else only a time limit ends it.
         start_angle: lowest and highest of both angles of a first state, in rad, drawn uniformly.
         start_velocity: lowest and highest of both velocities of a first state, in rad/s, drawn uniformly.
+        link_masses: masses of the first link and of the second, in kg. Moments of inertia stay as they are: what a
+            link has more sits in its middle.
         render_mode: as in Gymnasium.
 
     Raises:
@@ -55,6 +59,7 @@ class Acrobot(AcrobotEnv):
         ends_at_goal: bool = True,
         start_angle: Sequence[float] = (-0.1, 0.1),
         start_velocity: Sequence[float] = (-0.1, 0.1),
+        link_masses: Sequence[float] = LINK_MASSES,
         render_mode: str | None = None,
     ) -> None:
         super().__init__(render_mode=render_mode)
@@ -64,7 +69,11 @@ class Acrobot(AcrobotEnv):
         if not 0.0 <= torque_noise < math.inf:
             message = f"torque_noise should be at least 0 N m, but is {torque_noise}"
             raise SpaceError(message)
+        if len(link_masses) != 2 or not all(0.0 < mass < math.inf for mass in link_masses):
+            message = f"link_masses should be two numbers above 0 kg, but is {list(link_masses)}"
+            raise SpaceError(message)
         self.dt, self.torque_noise_max = time_step, torque_noise
+        self.LINK_MASS_1, self.LINK_MASS_2 = map(float, link_masses)
         self._ends_at_goal = ends_at_goal
         angle = _checked_range("start_angle", start_angle, math.pi)
         velocity = _checked_range("start_velocity", start_velocity, self.MAX_VEL_1)
@@ -105,7 +114,10 @@ def acrobot_observation(state: Float64[np.ndarray, "*batch 4"]) -> Float64[np.nd
 
 
 def acrobot_step(
-    state: Float64[np.ndarray, "*batch 4"], action: Int64[np.ndarray, "*batch"], time_step: float
+    state: Float64[np.ndarray, "*batch 4"],
+    action: Int64[np.ndarray, "*batch"],
+    time_step: float,
+    link_masses: tuple[float, float] = LINK_MASSES,
 ) -> Float64[np.ndarray, "*batch 4"]:
     """Return the states after one step without torque noise, as `Acrobot` computes them, for many states at once.
 
@@ -113,12 +125,13 @@ def acrobot_step(
         state: both angles in rad (the second relative to the first) and both velocities in rad/s.
         action: 0, 1 and 2 for a torque of -1, 0 and 1 N m.
         time_step: length of the step in seconds, which is one step of Runge and Kutta's method of fourth order.
+        link_masses: masses of both links, in kg.
     """
     torque = np.array(AcrobotEnv.AVAIL_TORQUE)[action]
-    k1 = _derivative(state, torque)
-    k2 = _derivative(state + time_step / 2.0 * k1, torque)
-    k3 = _derivative(state + time_step / 2.0 * k2, torque)
-    k4 = _derivative(state + time_step * k3, torque)
+    k1 = _derivative(state, torque, link_masses)
+    k2 = _derivative(state + time_step / 2.0 * k1, torque, link_masses)
+    k3 = _derivative(state + time_step / 2.0 * k2, torque, link_masses)
+    k4 = _derivative(state + time_step * k3, torque, link_masses)
     after: Float64[np.ndarray, "*batch 4"] = state + time_step / 6.0 * (k1 + 2 * k2 + 2 * k3 + k4)
     angle, velocity = after[..., :2], after[..., 2:]
     angle -= 2.0 * np.pi * np.rint(angle / (2.0 * np.pi))
@@ -127,14 +140,17 @@ def acrobot_step(
     return after
 
 
-def acrobot_energy(state: Float64[np.ndarray, "*batch 4"]) -> Float64[np.ndarray, "*batch"]:
+def acrobot_energy(
+    state: Float64[np.ndarray, "*batch 4"], link_masses: tuple[float, float] = LINK_MASSES
+) -> Float64[np.ndarray, "*batch"]:
     """Return the energy of the double pendulum, in J: constant where no torque acts and no velocity is bounded.
 
     Args:
         state: both angles in rad (the second relative to the first) and both velocities in rad/s.
+        link_masses: masses of both links, in kg.
     """
     angle_1, angle_2, velocity_1, velocity_2 = np.moveaxis(state, -1, 0)
-    mass_1, mass_2, length = AcrobotEnv.LINK_MASS_1, AcrobotEnv.LINK_MASS_2, AcrobotEnv.LINK_LENGTH_1
+    (mass_1, mass_2), length = link_masses, AcrobotEnv.LINK_LENGTH_1
     middle_1, middle_2, inertia = AcrobotEnv.LINK_COM_POS_1, AcrobotEnv.LINK_COM_POS_2, AcrobotEnv.LINK_MOI
     coupling = mass_2 * length * middle_2 * np.cos(angle_2)
     outer = mass_2 * middle_2**2 + inertia
@@ -146,11 +162,11 @@ def acrobot_energy(state: Float64[np.ndarray, "*batch 4"]) -> Float64[np.ndarray
 
 
 def _derivative(
-    state: Float64[np.ndarray, "*batch 4"], torque: Float64[np.ndarray, "*batch"]
+    state: Float64[np.ndarray, "*batch 4"], torque: Float64[np.ndarray, "*batch"], link_masses: tuple[float, float]
 ) -> Float64[np.ndarray, "*batch 4"]:
     """Return the velocities and accelerations: the equations of motion of the book that Gymnasium's Acrobot cites."""
     angle_1, angle_2, velocity_1, velocity_2 = np.moveaxis(state, -1, 0)
-    mass_1, mass_2, length = AcrobotEnv.LINK_MASS_1, AcrobotEnv.LINK_MASS_2, AcrobotEnv.LINK_LENGTH_1
+    (mass_1, mass_2), length = link_masses, AcrobotEnv.LINK_LENGTH_1
     middle_1, middle_2, inertia = AcrobotEnv.LINK_COM_POS_1, AcrobotEnv.LINK_COM_POS_2, AcrobotEnv.LINK_MOI
     cosine_2, sine_2 = np.cos(angle_2), np.sin(angle_2)
     reach = length**2 + middle_2**2 + 2 * length * middle_2 * cosine_2

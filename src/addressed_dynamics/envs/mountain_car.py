@@ -20,7 +20,10 @@ GRAVITY = 0.0025
 
 
 def mountain_car_step(
-    state: Float64[np.ndarray, "batch 2"], action: Int[np.ndarray, " batch"]
+    state: Float64[np.ndarray, "batch 2"],
+    action: Int[np.ndarray, " batch"],
+    force: float = FORCE,
+    gravity: float = GRAVITY,
 ) -> Float64[np.ndarray, "batch 2"]:
     """Advance a batch of cars by one step of Gymnasium's `MountainCar-v0`, bit for bit as that environment does.
 
@@ -30,6 +33,8 @@ def mountain_car_step(
     Args:
         state: position in metres and velocity in metres per step.
         action: 0 pushes to the left, 1 does not push, 2 pushes to the right.
+        force: what a push adds to the velocity, in metres per step.
+        gravity: what the steepest slope takes from it, in metres per step.
 
     Returns:
         The states after the step, in the same units.
@@ -37,7 +42,7 @@ def mountain_car_step(
     position, velocity = state[:, 0], state[:, 1]
     # np.cos may differ from the environment's math.cos in the last bit, and 1,000 steps make such a bit visible.
     slope = np.fromiter(map(math.cos, (3 * position).tolist()), dtype=np.float64, count=len(position))
-    velocity = velocity + ((action - 1) * FORCE + slope * -GRAVITY)
+    velocity = velocity + ((action - 1) * force + slope * -gravity)
     velocity = np.clip(velocity, -HIGHEST_SPEED, HIGHEST_SPEED)
     position = np.clip(position + velocity, LOWEST_POSITION, HIGHEST_POSITION)
     velocity = np.where((position == LOWEST_POSITION) & (velocity < 0), 0.0, velocity)
@@ -50,10 +55,13 @@ class MountainCarContinuing(MountainCarEnv):
     Args:
         start_position: lowest and highest position of a first state, in metres, drawn uniformly.
         start_velocity: lowest and highest velocity of a first state, in metres per step, drawn uniformly.
+        force: what a push adds to the velocity in a step, in metres per step: a stronger engine has more.
+        gravity: what the steepest slope takes from the velocity in a step, in metres per step: steeper hills take more.
         render_mode: as in Gymnasium.
 
     Raises:
-        SpaceError: a range is not two increasing numbers inside the track and the speed limit.
+        SpaceError: a range is not two increasing numbers inside the track and the speed limit, or the force or gravity
+            is negative or above the speed limit.
     """
 
     metadata = {  # noqa: RUF012 # Gymnasium declares it without ClassVar
@@ -69,9 +77,16 @@ class MountainCarContinuing(MountainCarEnv):
         self,
         start_position: Sequence[float] = (-0.6, -0.4),
         start_velocity: Sequence[float] = (0.0, 0.0),
+        force: float = FORCE,
+        gravity: float = GRAVITY,
         render_mode: str | None = None,
     ) -> None:
         super().__init__(render_mode=render_mode)
+        for name, value in {"force": force, "gravity": gravity}.items():
+            if not 0.0 <= value <= HIGHEST_SPEED:
+                message = f"{name} should be a number in 0..{HIGHEST_SPEED}, but is {value}"
+                raise SpaceError(message)
+        self.force, self.gravity = force, gravity
         position = _checked_range("start_position", start_position, LOWEST_POSITION, HIGHEST_POSITION)
         velocity = _checked_range("start_velocity", start_velocity, -HIGHEST_SPEED, HIGHEST_SPEED)
         self._start_low, self._start_high = np.array([position, velocity]).T

@@ -6,10 +6,12 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from gymnasium import Space, spaces
+from gymnasium import Env, Space, spaces
 from jaxtyping import Float, Shaped
 
 from addressed_dynamics.base.errors import RecordingError
+from addressed_dynamics.base.params.recording import ConstantBehaviour, RandomBehaviour, SignBehaviour
+from addressed_dynamics.recording.spaces import space_spec
 
 Observations = Float[np.ndarray, "copy observation"]
 Actions = Shaped[np.ndarray, "copy ..."]
@@ -80,12 +82,63 @@ def constant_policy(space: Space[Any], copies: int, action: int | tuple[float, .
     Raises:
         RecordingError: `action` is not in `space`.
     """
+    actions = np.repeat(_value(space, action, "a constant action")[None], copies, axis=0)
+    return lambda _: actions
+
+
+def sign_policy(
+    space: Space[Any], place: int, negative: int | tuple[float, ...], positive: int | tuple[float, ...]
+) -> Policy:
+    """Return the policy that takes `negative` where a component of the observation is below 0, else `positive`.
+
+    Args:
+        space: the space of the actions.
+        place: number of the component, in the flattened observation.
+        negative: an action.
+        positive: an action.
+
+    Raises:
+        RecordingError: an action is not in `space`.
+    """
+    given = {"negative": negative, "positive": positive}
+    actions = np.stack([_value(space, action, f"the action '{name}'") for name, action in given.items()])
+    return lambda observations: actions[(observations.reshape(len(observations), -1)[:, place] >= 0).astype(np.intp)]
+
+
+def unlearned_policy(
+    behaviour: RandomBehaviour | ConstantBehaviour | SignBehaviour,
+    environment: Env[Any, Any],
+    copies: int,
+    generator: np.random.Generator,
+) -> Policy:
+    """Return the policy that a section of a params file describes, for so many copies of an environment.
+
+    Raises:
+        RecordingError: the environment has no such actions, nothing can be drawn uniformly from them, or its
+            observation has no dimension of the given name.
+        SpaceError: the environment has spaces that cannot be recorded.
+    """
+    space = environment.action_space
+    match behaviour:
+        case RandomBehaviour(mean_hold_steps=mean_hold_steps):
+            return random_policy(space, copies, mean_hold_steps, generator)
+        case ConstantBehaviour(action=action):
+            return constant_policy(space, copies, action)
+        case SignBehaviour(dimension=dimension, negative=negative, positive=positive):
+            names = space_spec(environment).observation_names
+            if dimension not in names:
+                message = f"expected 'dimension' to be one of {', '.join(names)}, found '{dimension}'"
+                raise RecordingError(message)
+            return sign_policy(space, names.index(dimension), negative, positive)
+
+
+def _value(space: Space[Any], action: int | tuple[float, ...], what: str) -> Shaped[np.ndarray, ...]:
+    """Return the given action as an array of the space."""
     value = np.asarray(action, dtype=space.dtype)
     if not space.contains(value.item() if isinstance(space, spaces.Discrete) and value.ndim == 0 else value):
-        message = f"expected a constant action in {space}, found {action}; change 'action' in the recording plan"
+        message = f"expected {what} in {space}, found {action}; change it in the params file"
         raise RecordingError(message)
-    actions = np.repeat(value[None], copies, axis=0)
-    return lambda _: actions
+    return value
 
 
 def mostly(policy: Policy, random: HeldActions, share: float) -> Policy:

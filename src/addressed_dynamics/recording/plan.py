@@ -6,29 +6,22 @@ import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
-from typing import Any
 
-import gymnasium
 import numpy as np
 
-import addressed_dynamics.envs  # noqa: F401 # registers the paper's environments
 from addressed_dynamics.base.errors import RecordingError
 from addressed_dynamics.base.params.recording import (
-    ConstantBehaviour,
     DqnBehaviour,
-    EnvironmentParams,
     GreedyBehaviour,
-    RandomBehaviour,
     RecordParams,
     SegmentParams,
 )
 from addressed_dynamics.recording.acting import FrameSkip, Progress, act
-from addressed_dynamics.recording.behaviours import HeldActions, Policy, constant_policy, mostly, random_policy
+from addressed_dynamics.recording.behaviours import HeldActions, Policy, mostly, unlearned_policy
 from addressed_dynamics.recording.dqn import learn
+from addressed_dynamics.recording.environments import Environment, make_environment
 from addressed_dynamics.recording.provenance import run_info
 from addressed_dynamics.recording.recorder import TransitionRecorder
-
-Environment = gymnasium.Env[Any, Any]
 
 EPISODES_PER_COPY = 10_000_000
 COPIES_PER_SEGMENT = 1_000
@@ -61,7 +54,7 @@ def record_plan(plan: RecordParams, folder: Path, *, progress: Progress) -> None
                     progress=progress,
                 )
             else:
-                policy = _policy(segment, environments[0].action_space, learned)
+                policy = _policy(segment, environments[0], learned)
                 frame_skip = _frame_skip(segment, plan)
                 steps = segment.transitions // segment.environments
                 copies = [FrameSkip(environment, frame_skip, steps) for environment in environments]
@@ -102,20 +95,6 @@ def first_episode(segment_index: int, copy: int) -> int:
     return (segment_index * COPIES_PER_SEGMENT + copy) * EPISODES_PER_COPY
 
 
-def make_environment(params: EnvironmentParams) -> Environment:
-    """Make the environment that `params` describe.
-
-    Raises:
-        RecordingError: Gymnasium does not know the identifier, or the environment refuses the arguments.
-    """
-    try:
-        return gymnasium.make(params.id, **params.kwargs)
-    except (gymnasium.error.Error, TypeError, ValueError) as error:
-        reason = str(error).split("\n", maxsplit=1)[0]
-        message = f"the environment '{params.id}' cannot be made with {params.kwargs}: {reason}"
-        raise RecordingError(message) from error
-
-
 def _recorded(
     segment: SegmentParams, index: int, copy: int, folder: Path, shard_transitions: int
 ) -> TransitionRecorder:
@@ -135,19 +114,17 @@ def _recorded(
     )
 
 
-def _policy(segment: SegmentParams, space: gymnasium.Space[Any], learned: Mapping[str, Policy]) -> Policy:
+def _policy(segment: SegmentParams, environment: Environment, learned: Mapping[str, Policy]) -> Policy:
     generator = np.random.default_rng(segment.seed)
     match segment.behaviour:
-        case RandomBehaviour(mean_hold_steps=mean_hold_steps):
-            return random_policy(space, segment.environments, mean_hold_steps, generator)
-        case ConstantBehaviour(action=action):
-            return constant_policy(space, segment.environments, action)
         case GreedyBehaviour(segment=earlier, epsilon=epsilon):
-            held = HeldActions(space, segment.environments, mean_hold_steps=1.0, generator=generator)
+            held = HeldActions(environment.action_space, segment.environments, mean_hold_steps=1.0, generator=generator)
             return mostly(learned[earlier], held, epsilon)
-        case _:
+        case DqnBehaviour():
             message = f"segment '{segment.name}': nobody knows how to act as '{segment.behaviour.kind}'"
             raise RecordingError(message)
+        case unlearned:
+            return unlearned_policy(unlearned, environment, segment.environments, generator)
 
 
 def _frame_skip(segment: SegmentParams, plan: RecordParams) -> int:

@@ -258,11 +258,11 @@ def _key_path(location: tuple[int | str, ...], section: Any) -> list[str]:
     """Return the path of a key as it is in the file, without what pydantic adds to it."""
     keys: list[str] = []
     place, chosen = section, False
-    for part in location:
+    for index, part in enumerate(location):
         if part in _FORMS:
             continue
         # pydantic adds the form that was chosen.
-        if isinstance(place, dict) and not chosen and part in [place.get(key) for key in CHOOSERS]:
+        if not chosen and _is_form(place, location[index : index + 2]):
             chosen = True
             continue
         if isinstance(place, dict) and isinstance(part, int) and part not in place and part < len(place):
@@ -277,3 +277,13 @@ def _key_path(location: tuple[int | str, ...], section: Any) -> list[str]:
             case _:
                 place = None
     return keys
+
+
+def _is_form(place: Any, parts: tuple[int | str, ...]) -> bool:
+    """Whether the first of the next two parts of a location is the form that the section at `place` chose.
+
+    A key may be called as a form is: after a form comes a key of the section, after a key something below it.
+    """
+    if not isinstance(place, dict) or len(parts) < 2 or parts[0] not in [place.get(key) for key in CHOOSERS]:
+        return False
+    return parts[0] not in place or parts[1] in place

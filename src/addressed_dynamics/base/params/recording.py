@@ -83,7 +83,26 @@ class GreedyBehaviour(Section):
     """Share of decisions drawn uniformly."""
 
 
-Behaviour = Annotated[DqnBehaviour | RandomBehaviour | ConstantBehaviour | GreedyBehaviour, Field(discriminator="kind")]
+class SignBehaviour(Section):
+    """One action while a dimension of the observation is negative, another while it is not.
+
+    With a velocity it pushes in the direction of motion, or against it.
+    """
+
+    kind: Literal["sign"]
+    dimension: str
+    """Name of the dimension, for instance `velocity`."""
+    negative: Action
+    """The action while it is below 0."""
+    positive: Action
+    """The action while it is not."""
+
+
+Unlearned = Annotated[RandomBehaviour | ConstantBehaviour | SignBehaviour, Field(discriminator="kind")]
+"""Behaviours that need nobody who has learned."""
+Behaviour = Annotated[
+    DqnBehaviour | RandomBehaviour | ConstantBehaviour | GreedyBehaviour | SignBehaviour, Field(discriminator="kind")
+]
 
 
 class SegmentParams(Section):

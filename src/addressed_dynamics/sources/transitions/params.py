@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from addressed_dynamics.base.params.recording import EnvironmentParams, RecordParams
+from addressed_dynamics.base.params.recording import EnvironmentParams, RecordParams, Unlearned
 from addressed_dynamics.base.params.sections import Count, Positive, Section, Seed, Share, by_name
 from addressed_dynamics.base.params.source import SourceParams
 from addressed_dynamics.base.params.training import AddressingParams, BaselinesParams, EnsembleParams, RecipeChanges
@@ -104,12 +104,38 @@ class RecordedRollouts(Section):
     """How far the first angles of two true simulations are apart at the start, in rad, to show what is possible."""
 
 
+class ShiftParams(Section):
+    """Transitions that are not like those of the training: made for the evaluation, to see whether a model says so."""
+
+    name: Annotated[str, Field(pattern=r"^[a-z0-9_]+$")]
+    kind: Literal["starts", "behaviour", "mechanics"]
+    """What is not as in the training: the first states, the actions, or the equations of motion."""
+    environment: EnvironmentParams
+    """Of the same spaces and step as the experiment's; what is not as there lies in `kwargs` or in who acts."""
+    behaviour: Unlearned
+    episodes: Count = 40
+    steps: Count = 100
+    """Steps in an episode, if the environment does not end it earlier."""
+    seed: Seed = 0
+    """Episode i is reset with this seed plus i."""
+
+
 class EvaluationParams(Section):
     """What is measured on held-out episodes."""
 
     rollouts: Annotated[EnvironmentRollouts | RecordedRollouts, Field(discriminator="kind")] = RecordedRollouts(
         kind="recorded"
     )
+    shifts: Annotated[tuple[ShiftParams, ...], BeforeValidator(by_name)] = ()
+    """Each under its name: other starts, behaviours or mechanics, on which a model should trust itself less."""
+
+    @model_validator(mode="after")
+    def _shifts_have_different_names(self) -> EvaluationParams:
+        names = [shift.name for shift in self.shifts]
+        if twice := sorted({name for name in names if names.count(name) > 1}):
+            message = f"two shifts are called '{twice[0]}'"
+            raise ValueError(message)
+        return self
 
 
 class TransitionsRecipe(RecipeChanges):
@@ -157,6 +183,17 @@ class ExperimentParams(Section):
                 "which replays them"
             )
             raise ValueError(message)
+        return self
+
+    @model_validator(mode="after")
+    def _shifts_are_as_long_as_a_history(self) -> ExperimentParams:
+        for shift in self.evaluation.shifts:
+            if shift.steps < self.features.history:
+                message = (
+                    f"evaluation.shifts.{shift.name}.steps is {shift.steps}, but features.history asks for "
+                    f"{self.features.history} frames; raise it"
+                )
+                raise ValueError(message)
         return self
 
 

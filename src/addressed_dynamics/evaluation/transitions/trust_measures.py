@@ -1,0 +1,189 @@
+"""By what trust is judged: whether it tells good predictions from bad, whether intervals cover their share, how far."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Float64
+
+from addressed_dynamics.base.errors import EvaluationError
+
+COVERAGES = tuple(step / 20 for step in range(1, 21))
+"""Shares of the points at which the risk is looked at."""
+
+
+def auroc(score: Float[np.ndarray, " point"], positive: Bool[np.ndarray, " point"]) -> float | None:
+    """Return the area under the receiver operating characteristic.
+
+    It is the probability that a positive point has a higher score than a negative one; ties count half (mid-ranks:
+    Mann and Whitney's U over the number of pairs). None if there are no positive or no negative points.
+
+    Args:
+        score: higher where a point is thought to be positive; infinite values are ranked as they are.
+        positive: what a point is.
+
+    Raises:
+        EvaluationError: a score is NaN.
+    """
+    _refuse_nan("score", score)
+    positives, negatives = int(positive.sum()), int((~positive).sum())
+    if not positives or not negatives:
+        return None
+    _, place, count = np.unique(score, return_inverse=True, return_counts=True)
+    rank = np.cumsum(count) - (count - 1) / 2
+    wins = rank[place][positive].sum() - positives * (positives + 1) / 2
+    return float(wins / (positives * negatives))
+
+
+@dataclass(frozen=True)
+class Risk:
+    """The mean error of the points that are trusted most, at one coverage."""
+
+    coverage: float
+    """Share of the points that are kept, those with the most trust first."""
+    risk: float
+    """Mean error of those; at coverage 1 it is the mean of all."""
+    oracle: float
+    """The same where the points with the smallest errors are kept: no trust can do better."""
+
+
+def risk_against_coverage(error: Float[np.ndarray, " point"], trust: Float[np.ndarray, " point"]) -> tuple[Risk, ...]:
+    """Return the risk at every one of `COVERAGES`; none if there are no points.
+
+    Points of equal trust are kept in a random order, of which this is the expectation: a trust that is the same
+    everywhere has the same risk everywhere.
+
+    Args:
+        error: of each prediction, at least 0.
+        trust: higher where a prediction is trusted more.
+
+    Raises:
+        EvaluationError: an error or a trust is NaN.
+    """
+    _refuse_nan("error", error)
+    _refuse_nan("trust", trust)
+    if not len(error):
+        return ()
+    _, place, count = np.unique(-trust, return_inverse=True, return_counts=True)
+    # Of points with equal trust any may come first: each has their mean.
+    alike = np.bincount(place, error.astype(np.float64)) / count
+    kept = np.array([int(np.ceil(round(share * len(error), 9))) for share in COVERAGES])
+    trusted = _running_mean(alike[np.sort(place)])[kept - 1]
+    oracle = _running_mean(np.sort(error.astype(np.float64)))[kept - 1]
+    return tuple(map(Risk, COVERAGES, trusted.tolist(), oracle.tolist()))
+
+
+@dataclass(frozen=True)
+class Covered:
+    """How much of the truth lies in the intervals that were given for it."""
+
+    dimensions: Float64[np.ndarray, " dimension"]
+    """Share of the points, by dimension."""
+    of_all: float
+    """Share of all numbers: the mean over the dimensions. An interval is of one dimension, and promises this."""
+    together: float
+    """Share of the points of which every dimension lies in its interval; lower, unless dimensions err together."""
+
+
+def covered(
+    truth: Float[np.ndarray, "*point dimension"],
+    low: Float[np.ndarray, "*point dimension"],
+    high: Float[np.ndarray, "*point dimension"],
+) -> Covered:
+    """Return the shares of the truth that lie in the intervals from `low` to `high`, ends included.
+
+    An interval with NaN for an end covers nothing, an infinite one everything.
+
+    Raises:
+        EvaluationError: there are no points.
+    """
+    if not truth.size:
+        message = "coverage needs at least one point, but there is none; hold more or longer episodes out"
+        raise EvaluationError(message)
+    inside = ((low <= truth) & (truth <= high)).reshape(-1, truth.shape[-1])
+    return Covered(inside.mean(axis=0), float(inside.mean()), float(inside.all(axis=1).mean()))
+
+
+def break_even_steps(
+    model_error: Float[np.ndarray, " step"], reference_error: Float[np.ndarray, " step"]
+) -> int | None:
+    """Return the first step of a rollout, from 1, at which a model is worse than a reference; None if there is none.
+
+    An error that is NaN is worse.
+
+    Args:
+        model_error: after so many steps, for instance the median over episodes.
+        reference_error: the same of the reference, for instance of persistence.
+    """
+    worse = np.flatnonzero(~(model_error <= reference_error))
+    return int(worse[0]) + 1 if len(worse) else None
+
+
+def trusted_steps(
+    width: Float[np.ndarray, "episode step dimension"], scale: Float[np.ndarray, " dimension"], share: float
+) -> int:
+    """Return the horizon of trust: for how many steps of a rollout the intervals stay narrow enough.
+
+    They do as long as the median of their width over the episodes is at most `share` of the range **in every
+    dimension**: the one that is known least decides, for a state is of use as a whole. All steps if they always do, 0
+    if they never do. A width that is NaN counts as infinite.
+
+    Args:
+        width: of the intervals.
+        scale: range of each dimension, above 0 and in the same units.
+        share: the largest share of the range.
+
+    Raises:
+        EvaluationError: there is no episode, or a range is not above 0.
+    """
+    if not len(width) or not (scale > 0).all():
+        message = f"a horizon of trust needs episodes and ranges above 0, found {len(width)} and {scale.tolist()}"
+        raise EvaluationError(message)
+    relative = np.nan_to_num(width.astype(np.float64), nan=np.inf, posinf=np.inf) / scale
+    wide = np.flatnonzero((np.median(relative, axis=0) > share).any(axis=1))
+    return int(wide[0]) if len(wide) else width.shape[1]
+
+
+def map_edges(states: Float[np.ndarray, "point 2"], cells: int) -> Float64[np.ndarray, "2 edge"]:
+    """Return the edges of the cells that divide the range of the points evenly, for each of the two dimensions."""
+    low, high = states.min(axis=0).astype(np.float64), states.max(axis=0).astype(np.float64)
+    return np.stack([np.linspace(*ends, cells + 1) for ends in zip(low, high, strict=True)])
+
+
+def trust_map(
+    states: Float[np.ndarray, "point 2"], trust: Float[np.ndarray, " point"], cells: int
+) -> Float64[np.ndarray, "vertical horizontal"]:
+    """Return the mean trust of the points in each cell of `map_edges`; NaN where there are none.
+
+    Args:
+        states: two dimensions of the state; the first is drawn from left to right, the second from bottom to top.
+        trust: of each point.
+        cells: in each direction.
+
+    Raises:
+        EvaluationError: a state or a trust is NaN, or there are no points.
+    """
+    _refuse_nan("state", states)
+    _refuse_nan("trust", trust)
+    if not len(states):
+        message = "a map of trust needs at least one point, but there is none; hold more or longer episodes out"
+        raise EvaluationError(message)
+    edges = map_edges(states, cells)
+    place = [
+        np.searchsorted(edge[1:-1], column.astype(np.float64), side="right")
+        for edge, column in zip(edges, states.T, strict=True)
+    ]
+    cell = place[1] * cells + place[0]
+    count, total = (np.bincount(cell, weights, cells**2) for weights in (None, trust.astype(np.float64)))
+    with np.errstate(invalid="ignore"):
+        return (total / count).reshape(cells, cells)
+
+
+def _running_mean(values: Float64[np.ndarray, " point"]) -> Float64[np.ndarray, " point"]:
+    mean: Float64[np.ndarray, " point"] = np.cumsum(values) / np.arange(1, len(values) + 1)
+    return mean
+
+
+def _refuse_nan(name: str, values: Float[np.ndarray, "..."]) -> None:
+    if bad := int(np.isnan(values).sum()):
+        message = f"trust cannot be judged: {bad} of {values.size} values of the {name} are NaN; leave these points out"
+        raise EvaluationError(message)
