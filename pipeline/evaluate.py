@@ -6,6 +6,7 @@ from addressed_dynamics.base.kinds import supplied
 from addressed_dynamics.base.params.experiments import load_experiment
 from addressed_dynamics.evaluation.common.evaluated import write_evaluated
 from addressed_dynamics.simulators.delivery import write_delivered
+from addressed_dynamics.simulators.trusted import write_trust
 from pipeline.stage import (
     Call,
     available_cores,
@@ -30,6 +31,7 @@ def main(call: Call) -> str:
                           params_file=call.params_file) as run:  # fmt: skip
             run.log(found.headline, step=0)
             run.log_output(folder)
+    write_trust(models_dir(experiment), found.calibrated, found.uncalibrated)
     write_delivered(models_dir(experiment), found.delivered)
     write_json(reports_dir(experiment) / "summary.json", found.summary)
     return f"{first_of(found.summary)}; all in {reports_dir(experiment) / 'summary.json'}"

@@ -10,6 +10,7 @@ import numpy as np
 from addressed_dynamics.base.files import save_arrays, write_json, write_rows
 from addressed_dynamics.evaluation.common.measures import MEASURES, Row, rows_of, write_rows_of_measures
 from addressed_dynamics.simulators.delivery import Delivered
+from addressed_dynamics.simulators.trusted import Calibrated
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,10 @@ class Evaluated:
     """The model that is delivered."""
     measures: Sequence[Row] = ()
     """What has no section of its own in the report."""
+    calibrated: Sequence[Calibrated] = ()
+    """How far models are to be trusted."""
+    uncalibrated: str | None = None
+    """Why that is known of none; None if it is of some."""
 
 
 def write_evaluated(found: Evaluated, folder: Path) -> None:

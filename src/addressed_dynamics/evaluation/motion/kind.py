@@ -73,7 +73,10 @@ def evaluate(tables: Path, models: Path, params: MotionEvaluationParams, *, core
     delivered = Delivered(seed, None, mode)
     further = further_rows(f"{__package__}.measures", candidates, data)
     MotionEvaluation.model_validate(report)
-    return Evaluated(report, arrays, {}, _headline(report), summarise(report), delivered, further)
+    return Evaluated(
+        report, arrays, {}, _headline(report), summarise(report), delivered, further,
+        uncalibrated="trust is calibrated for states and actions, and not for motion",
+    )  # fmt: skip
 
 
 def _headline(report: dict[str, Any]) -> dict[str, float]:

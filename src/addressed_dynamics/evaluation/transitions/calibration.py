@@ -40,7 +40,7 @@ STEPS = (1, 2, 3, 5, 7, 10, 15, 20, 30, 50, 70, 100, 150, 200, 300, 500, 700, 10
 MOST_POINTS = 50_000
 """Training points that the network of errors and the centres are made of, at most; as many validation points."""
 CENTRES = 512
-MOST_STEPS = 120_000
+MOST_STEPS = 60_000
 """Steps of all rollouts together that one calibration takes."""
 MOST_ROLLOUTS = 2_000
 FOLDS = 10
@@ -169,9 +169,14 @@ def stretches(points: Points, steps: int, most: int, name: str) -> Stretches:
         most: number of starts, at most.
         name: of the source of randomness.
     """
-    rows, transitions, history = points.rows, points.transitions, points.features.history
-    drawn = torch.randperm(len(rows), generator=named_generator(0, name))[:most].sort().values.numpy()
-    start = rows[drawn]
+    drawn = torch.randperm(len(points), generator=named_generator(0, name))[:most].sort().values
+    return stretches_from(points, drawn.numpy(), steps)
+
+
+def stretches_from(points: Points, starts: Int64[np.ndarray, " stretch"], steps: int) -> Stretches:
+    """Return recorded stretches of at most so many steps from the points with these numbers on."""
+    transitions, history = points.transitions, points.features.history
+    start = points.rows[starts]
     last = last_rows(transitions)[start]
     after = start[:, None] + np.arange(steps)
     within = np.minimum(start[:, None] + np.arange(1 - history, steps), last[:, None])

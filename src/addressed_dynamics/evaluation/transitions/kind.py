@@ -1,9 +1,14 @@
 """Measure all models on held-out episodes: one step ahead, by addressing (Table 1), and in free-running rollouts."""
 
-from dataclasses import asdict
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from jaxtyping import Float32
+
+from addressed_dynamics.base.errors import EvaluationError
 from addressed_dynamics.base.params.training import EnsembleParams
 from addressed_dynamics.base.torch_runtime import prepare_torch
 from addressed_dynamics.episodes.index import read_episodes
@@ -11,7 +16,9 @@ from addressed_dynamics.episodes.parquet import load_transitions
 from addressed_dynamics.episodes.splits import Split
 from addressed_dynamics.evaluation.common.evaluated import Evaluated
 from addressed_dynamics.evaluation.common.measures import further_rows
+from addressed_dynamics.evaluation.transitions.calibration import reachable
 from addressed_dynamics.evaluation.transitions.candidates import (
+    Candidate,
     baseline_candidates,
     ensemble_candidates,
     load_ensembles,
@@ -21,7 +28,8 @@ from addressed_dynamics.evaluation.transitions.candidates import (
 from addressed_dynamics.evaluation.transitions.points import Points
 from addressed_dynamics.evaluation.transitions.recommending import recommend
 from addressed_dynamics.evaluation.transitions.records import Evaluation
-from addressed_dynamics.evaluation.transitions.rollouts import roll_out
+from addressed_dynamics.evaluation.transitions.rollouts import finite, roll_out
+from addressed_dynamics.evaluation.transitions.shifts import record_shifts
 from addressed_dynamics.evaluation.transitions.suite import (
     baseline_losses,
     evaluate_addressing,
@@ -34,10 +42,12 @@ from addressed_dynamics.evaluation.transitions.suite import (
     pair_arrays,
 )
 from addressed_dynamics.evaluation.transitions.summary import summarise
-from addressed_dynamics.evaluation.transitions.truth import true_rollouts
+from addressed_dynamics.evaluation.transitions.trusting import calibrated, judge_trust, median_course, pair_of
+from addressed_dynamics.evaluation.transitions.truth import TrueRollouts, true_rollouts
 from addressed_dynamics.features.transitions.spec import FeatureSpec
 from addressed_dynamics.networks.files import load_network
-from addressed_dynamics.simulators.delivery import Delivered
+from addressed_dynamics.simulators.delivery import Delivered, Recommended
+from addressed_dynamics.simulators.trusted import Calibrated
 from addressed_dynamics.sources.transitions.params import EvaluationParams
 from addressed_dynamics.training.ensemble import untrained_ensemble
 from addressed_dynamics.training.losses import reported_loss
@@ -81,6 +91,10 @@ def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int
     validation = Points.of(load_transitions(tables, split="validation"), model.features)
     found = recommend(candidates, validation, params.rollouts, segments, cores=cores)
     report["recommendation"] = None if found is None else found[0]
+    chosen = Delivered(first, delivered[first], "argmax", None if found is None else found[1])
+    trusted = _trusted(candidates, chosen, points | {"validation": validation}, params, predicted, truth)
+    if trusted.record is not None:
+        report["trust"] = trusted.record
     untrained = untrained_ensemble(model.features.inputs, model.features.outputs, recipe, seed=first)
     arrays = figure_arrays(model, untrained, points["test"], truth, predicted["ensemble/argmax"], loss)
     if pair := load_pair(models / "baselines"):
@@ -88,13 +102,54 @@ def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int
         two = recipe.model_copy(update={"members": network.members})
         start = untrained_ensemble(model.features.inputs, model.features.outputs, two, seed=seed)
         arrays |= pair_arrays(network, start, points["test"], loss)
-    chosen = Delivered(first, delivered[first], "argmax", None if found is None else found[1])
+    arrays |= trusted.arrays
     features = model.features
     scale = dict(zip((each.name for each in features.spaces.observation), features.scale, strict=True))
     summary = summarise(report, horizon, scale, features.spaces.step_seconds)
     further = further_rows(f"{__package__}.measures", candidates, points["test"])
     Evaluation.model_validate(report)
-    return Evaluated(report, arrays, {"horizon": horizon}, _headline(report), summary, chosen, further)
+    return Evaluated(
+        report, arrays, {"horizon": horizon}, _headline(report), summary, chosen, further, trusted.calibrated,
+        trusted.missing,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Trusted:
+    """What is known of the trust in the models that are delivered and recommended."""
+
+    calibrated: tuple[Calibrated, ...] = ()
+    missing: str | None = None
+    """Why nothing is; None if something is."""
+    record: dict[str, Any] | None = None
+    """What the delivered one's was found to be worth, for evaluation.json."""
+    arrays: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+
+def _trusted(
+    candidates: Sequence[Candidate],
+    chosen: Delivered,
+    points: Mapping[Split, Points],
+    params: EvaluationParams,
+    predicted: Mapping[str, Float32[np.ndarray, "episode step state"]],
+    truth: TrueRollouts,
+) -> _Trusted:
+    own = Recommended("ensemble", chosen.seed, chosen.variant, chosen.mode)
+    wanted = dict.fromkeys([own, *([chosen.recommended] if chosen.recommended else [])])
+    pairs = [pair for each in wanted if (pair := pair_of(candidates, each)) is not None]
+    if not pairs:
+        return _Trusted(missing="no second model was trained that could be held against one; train a second seed")
+    steps = reachable(points["validation"], params.rollouts.steps)
+    try:
+        found = tuple(calibrated(pair, points["train"], points["validation"], steps=steps) for pair in pairs)
+    except EvaluationError as error:
+        return _Trusted(missing=str(error))
+    spaces, scale = pairs[0].model.features.spaces, np.array(pairs[0].model.features.scale)
+    names = {"model": "ensemble/argmax", **{name.partition("/")[0]: name for name in predicted}}
+    errors = {key: median_course(finite(predicted[name]), truth, scale) for key, name in names.items()}
+    shifts = record_shifts(params.shifts, spaces)
+    record, arrays = judge_trust(pairs[0], found[0], points, shifts, params.shifts, errors)
+    return _Trusted(found, None, record, arrays)
 
 
 def ensemble_recipe(folder: Path, seed: int) -> EnsembleParams:
