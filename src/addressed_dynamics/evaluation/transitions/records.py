@@ -10,6 +10,7 @@ from pydantic import model_validator
 from addressed_dynamics.base.errors import ReportError
 from addressed_dynamics.base.params.training import AddressingTraining, EnsembleParams
 from addressed_dynamics.evaluation.common.records import BaselineLosses, Dropped, Record, Specialisations
+from addressed_dynamics.evaluation.transitions.trust_records import TrustRecord
 from addressed_dynamics.sources.transitions.params import FeatureParams
 
 
@@ -263,6 +264,8 @@ class Evaluation(Record):
     """None if it was not trained."""
     recommendation: Recommendation | None = None
     """None if there are no validation episodes to choose by."""
+    trust: TrustRecord | None = None
+    """None if it was not measured, as in results of earlier versions."""
 
     @model_validator(mode="after")
     def _has_the_other_recipe(self) -> Evaluation:

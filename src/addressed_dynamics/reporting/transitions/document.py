@@ -24,6 +24,7 @@ from addressed_dynamics.reporting.transitions.recorded import BlocksResult
 from addressed_dynamics.reporting.transitions.results import TransitionResults
 from addressed_dynamics.reporting.transitions.settings import model_words
 from addressed_dynamics.reporting.transitions.targets import judge_targets, targets_caption
+from addressed_dynamics.reporting.transitions.trust import trust_blocks
 from addressed_dynamics.reporting.transitions.verdict import findings, verdict
 
 
@@ -45,6 +46,7 @@ def account(results: TransitionResults, origin: Origin[FeatureSpec], paper: Pape
         Section("Specialisation", _specialisation_blocks(results, paper)),
         Section("One step ahead", _one_step_blocks(results, origin, paper)),
         Section("Rollouts", _rollout_blocks(results, origin, paper)),
+        Section("Trust", trust_blocks(evaluation.trust, results.arrays, origin.features)),
         Section("The two recipes", (both,) if (both := recipes_table(evaluation, _recipe(origin))) else ()),
     )
     return Account(

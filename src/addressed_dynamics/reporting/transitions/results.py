@@ -53,6 +53,10 @@ class Arrays:
     """Losses of the test transitions under a small ensemble of two, for Fig. 2; None, like the next, without one."""
     pair_profile_untrained: Float[np.ndarray, "2 sample"] | None = None
     """The same before its training."""
+    trust_map: Float[np.ndarray, "vertical horizontal"] | None = None
+    """Mean trust of the test transitions in cells of the plane of two dimensions; None, like the next, without one."""
+    trust_map_edges: Float[np.ndarray, "2 edge"] | None = None
+    """Edges of these cells, of the horizontal dimension and of the vertical one."""
 
 
 @dataclass(frozen=True)

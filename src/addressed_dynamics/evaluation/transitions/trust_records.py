@@ -1,0 +1,65 @@
+"""What the evaluation finds of a model's trust: `trust` in evaluation.json. Every part may be missing."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from addressed_dynamics.evaluation.common.records import Record
+
+
+class CoverageRecord(Record):
+    """How much of the truth lies in the intervals of one coverage, so many steps ahead."""
+
+    steps: int
+    """Of a model's own predictions, from a true state."""
+    asked: float
+    """The share that the intervals are asked to cover."""
+    of_all: float
+    """The share that they do cover, over all dimensions."""
+    dimensions: dict[str, float] = Field(default_factory=dict)
+    """The same of each dimension."""
+
+
+class ShiftRecord(Record):
+    """How well scores tell bad predictions from good ones, among those under a shift and those on test episodes."""
+
+    kind: Literal["starts", "behaviour", "mechanics"]
+    auroc: dict[str, float | None] = Field(default_factory=dict)
+    """By score: `trust`, `surprise`, and `spread`, `distance` and `margin` alone; None where all are bad, or none."""
+    positive_share: float | None = None
+    """Share of the predictions under the shift that are bad."""
+
+
+class RiskRecord(Record):
+    """The mean error of the predictions that are trusted most, at one coverage."""
+
+    coverage: float
+    risk: float
+    oracle: float
+    """The same in the best order."""
+
+
+class TrustRecord(Record):
+    """All that was measured of a model's trust."""
+
+    coverage: tuple[CoverageRecord, ...] = ()
+    shifts: dict[str, ShiftRecord] = Field(default_factory=dict)
+    """By name, in the order of the params file."""
+    risk: tuple[RiskRecord, ...] = ()
+    """From the lowest coverage to 1."""
+    break_even_steps: int | None = None
+    """First step of a rollout at which the model is worse than persistence; null if it never is."""
+    rollout_steps: int | None = None
+    """Steps in the rollouts that the two horizons are of."""
+    trusted_steps: int | None = None
+    """For how many steps of a rollout the 90 % intervals stay within `trusted_share` of the range."""
+    trusted_share: float | None = None
+    step_seconds: float | None = None
+    """Simulated seconds of a step."""
+
+    @property
+    def knows_break_even(self) -> bool:
+        """Whether it was looked at; that it never comes is null, too."""
+        return "break_even_steps" in self.model_fields_set
