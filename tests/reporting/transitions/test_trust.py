@@ -23,7 +23,7 @@ from addressed_dynamics.evaluation.transitions.trust_records import TrustRecord
 from addressed_dynamics.reporting.common.blocks import Block, Figure, Table, Text
 from addressed_dynamics.reporting.transitions.figures.trust import map_dimensions, risk_curve
 from addressed_dynamics.reporting.transitions.results import Arrays, load_results
-from addressed_dynamics.reporting.transitions.trust import coverage_table, shifts_table, trust_blocks
+from addressed_dynamics.reporting.transitions.trust import coverage_table, places_table, shifts_table, trust_blocks
 
 TRUST: dict[str, Any] = {
     "coverage": [
@@ -38,6 +38,17 @@ TRUST: dict[str, Any] = {
     },
     "risk": [
         {"coverage": (k + 1) / 20, "risk": 0.1 * (k + 1), "oracle": 0.05 * k + 1.05 * (k == 19)} for k in range(20)
+    ],
+    "places": [
+        {
+            "episode": 7,
+            "step": 160,
+            "steps": 20,
+            "expected_percent": 0.23,
+            "error_percent": 2.9,
+            "trust": 0.36,
+            "state": {"position": -1.1, "velocity": -0.0125},
+        },
     ],
     "break_even_steps": 700,
     "rollout_steps": 1000,
@@ -66,7 +77,7 @@ def words(trust: TrustRecord | None, **arrays: Any) -> str:
 
 def test_the_section_has_words_both_tables_the_curve_and_the_map() -> None:
     found = blocks(record(), **MAP)
-    assert [type(block) for block in found] == [Text, Table, Table, Figure, Figure]
+    assert [type(block) for block in found] == [Text, Table, Table, Figure, Figure, Table]
     said = words(record(), **MAP)
     assert "Not measured" not in said
     assert (
@@ -94,13 +105,19 @@ def test_a_coverage_is_judged_beside_what_was_asked_with_more_slack_for_more_ste
     assert all(len(row.cells) == len(found.columns) == 4 for row in found.rows)
 
 
+def test_places_are_named_by_episode_and_steps_with_their_state() -> None:
+    table = places_table(record().places)
+    assert table.rows[0].cells == ("7", "160–179", "0.230", "2.90", "0.36", "-1.10", "-0.0125")
+    assert [column.header for column in table.columns[5:]] == ["position", "velocity"]
+
+
 def test_scores_that_nobody_measured_are_named_and_have_no_column() -> None:
     table = shifts_table(record().shifts)
     assert [column.header for column in table.columns[3:]] == ["trust", "surprise", "spread of seeds"]
     assert table.rows[0].cells == ("fast", "other starts", "100.0\u202f%", "0.970", "0.990", "0.800")
     assert table.rows[2].cells == ("steep slope", "changed mechanics", "–", "0.600", "0.700", "–")
     assert table.rows[3].cells[2:] == ("0.0\u202f%", "–", "–", "–")
-    assert table.caption.endswith("Not measured: distance and margin.")
+    assert table.caption.endswith("Not measured: distance, Mahalanobis and margin.")
     other = record(shifts={"fast": {"kind": "starts", "auroc": {"entropy": 0.5, "trust": 0.7}}}).shifts
     assert [column.header for column in shifts_table(other).columns[3:]] == ["trust", "entropy"]
 
@@ -117,7 +134,7 @@ def test_scores_that_nobody_measured_are_named_and_have_no_column() -> None:
 )
 def test_a_part_that_is_missing_is_named_and_the_rest_is_shown(changes: dict[str, Any], what: str) -> None:
     assert words(record(**changes), **MAP).endswith(f"Not measured: {what}.")
-    assert len(blocks(record(**changes), **MAP)) == 5 - (what.split()[1] in {"coverage", "test", "risk"})
+    assert len(blocks(record(**changes), **MAP)) == 6 - (what.split()[1] in {"coverage", "test", "risk"})
 
 
 def test_without_anything_all_is_named_and_without_a_record_there_is_no_section() -> None:
@@ -125,7 +142,7 @@ def test_without_anything_all_is_named_and_without_a_record_there_is_no_section(
     assert isinstance(text, Text)
     assert text.paragraphs == (
         "Not measured: the coverage of intervals, the test under shifts, the risk against coverage, the map of trust, "
-        "the horizon of trust and the break-even horizon.",
+        "places where more data would help, the horizon of trust and the break-even horizon.",
     )
     assert blocks(None) == ()
 

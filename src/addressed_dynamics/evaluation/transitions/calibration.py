@@ -40,9 +40,11 @@ STEPS = (1, 2, 3, 5, 7, 10, 15, 20, 30, 50, 70, 100, 150, 200, 300, 500, 700, 10
 MOST_POINTS = 50_000
 """Training points that the network of errors and the centres are made of, at most; as many validation points."""
 CENTRES = 512
-MOST_STEPS = 60_000
+MOST_STEPS = 120_000
 """Steps of all rollouts together that one calibration takes."""
 MOST_ROLLOUTS = 2_000
+LONG = 100
+"""Steps after a start that count as many."""
 FOLDS = 10
 """Parts of the validation episodes of which each in turn is judged by the others."""
 ERRORS = EnsembleParams(
@@ -161,7 +163,10 @@ def one_step(
 
 
 def stretches(points: Points, steps: int, most: int, name: str) -> Stretches:
-    """Return recorded stretches of at most so many steps from starts that are drawn from all points.
+    """Return recorded stretches of at most so many steps from starts that are drawn.
+
+    Half of them are drawn from all points, and half from those that have `LONG` steps after them, or `steps`: many
+    starts are near the end of their episodes.
 
     Args:
         points: of the episodes.
@@ -169,8 +174,11 @@ def stretches(points: Points, steps: int, most: int, name: str) -> Stretches:
         most: number of starts, at most.
         name: of the source of randomness.
     """
-    drawn = torch.randperm(len(points), generator=named_generator(0, name))[:most].sort().values
-    return stretches_from(points, drawn.numpy(), steps)
+    order = torch.randperm(len(points), generator=named_generator(0, name)).numpy()
+    left = last_rows(points.transitions)[points.rows] - points.rows + 1
+    far = order[left[order] >= min(LONG, steps)][: most // 2]
+    near = order[~np.isin(order, far)][: most - len(far)]
+    return stretches_from(points, np.sort(np.concatenate([far, near])), steps)
 
 
 def stretches_from(points: Points, starts: Int64[np.ndarray, " stretch"], steps: int) -> Stretches:

@@ -20,6 +20,8 @@ class CoverageRecord(Record):
     """The share that they do cover, over all dimensions."""
     dimensions: dict[str, float] = Field(default_factory=dict)
     """The same of each dimension."""
+    points: int | None = None
+    """Predictions that this was counted over."""
 
 
 class ShiftRecord(Record):
@@ -27,7 +29,8 @@ class ShiftRecord(Record):
 
     kind: Literal["starts", "behaviour", "mechanics"]
     auroc: dict[str, float | None] = Field(default_factory=dict)
-    """By score: `trust`, `surprise`, and `spread`, `distance` and `margin` alone; None where all are bad, or none."""
+    """By score: `trust`, `surprise`, and `spread`, `distance`, `unlikeness` and `margin` alone; None where all are bad,
+    or none."""
     positive_share: float | None = None
     """Share of the predictions under the shift that are bad."""
 
@@ -41,8 +44,32 @@ class RiskRecord(Record):
     """The same in the best order."""
 
 
+class PlaceRecord(Record):
+    """Some steps in a row in which large errors are expected."""
+
+    episode: int
+    step: int
+    """The first of them."""
+    steps: int
+    expected_percent: float
+    """Root mean square of the errors that are expected one step ahead, in % of the range."""
+    error_percent: float
+    """The same of those that were made."""
+    trust: float
+    """Mean over the steps."""
+    state: dict[str, float]
+    """Mean over the steps, by dimension, in its unit."""
+
+
 class TrustRecord(Record):
     """All that was measured of a model's trust."""
+
+    model: str | None = None
+    """Which of the experiment's models it is."""
+    episodes: int | None = None
+    """Validation episodes that it was calibrated on."""
+    places: tuple[PlaceRecord, ...] = ()
+    """Where in validation and test episodes more data would help most, the largest expected error first."""
 
     coverage: tuple[CoverageRecord, ...] = ()
     shifts: dict[str, ShiftRecord] = Field(default_factory=dict)

@@ -109,7 +109,8 @@ def calibrated(pair: Pair, train: Points, validation: Points, *, steps: int) -> 
         EvaluationError: there are too few validation episodes.
     """
     trust = calibrate(pair.model, pair.partner, train, validation, steps=steps)
-    partner = {**asdict(pair.partner_origin), "mode": pair.partner.mode}
+    single = pair.partner.ensemble.members == 1
+    partner = {**asdict(pair.partner_origin), "mode": None if single else pair.partner.mode}
     return Calibrated(pair.origin, pair.model.mode, trust, partner)
 
 
@@ -169,9 +170,10 @@ def judge_trust(
     }
     if NOTHING in errors:
         record["break_even_steps"] = break_even_steps(errors["model"], errors[NOTHING])
-    plane = test.points.observation[:, :2].astype(np.float64)
-    arrays = {"trust_map": trust_map(plane, test.trust, CELLS), "trust_map_edges": map_edges(plane, CELLS)}
-    return record, arrays if plane.shape[1] == 2 else {}
+    plane = _plane(test.points)
+    if plane is None:
+        return record, {}
+    return record, {"trust_map": trust_map(plane, test.trust, CELLS), "trust_map_edges": map_edges(plane, CELLS)}
 
 
 def median_course(
@@ -181,6 +183,14 @@ def median_course(
     squared = ((predicted - truth.states[:, 1:]) / scale) ** 2
     course: Float64[np.ndarray, " step"] = np.median(np.sqrt(squared.mean(axis=-1)), axis=0)
     return course
+
+
+def _plane(points: Points) -> Float64[np.ndarray, "point 2"] | None:
+    """Return the first two angles, and without them the first two dimensions; None if there is only one."""
+    features, states = points.features, torch.from_numpy(points.observation).double()
+    if len(features.angles) > 1:
+        states = torch.stack([features.angle(angle, states) for angle in features.angles[:2]], dim=1)
+    return states[:, :2].numpy() if states.shape[1] > 1 else None
 
 
 def _is_other(origin: Origin, own: Origin) -> bool:

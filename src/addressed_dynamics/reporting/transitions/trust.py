@@ -4,7 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from addressed_dynamics.evaluation.transitions.trust_records import CoverageRecord, RiskRecord, ShiftRecord, TrustRecord
+from addressed_dynamics.evaluation.transitions.trust_records import (
+    CoverageRecord,
+    PlaceRecord,
+    RiskRecord,
+    ShiftRecord,
+    TrustRecord,
+)
 from addressed_dynamics.features.transitions.spec import FeatureSpec
 from addressed_dynamics.reporting.common.blocks import Block, Column, Row, Table, Text
 from addressed_dynamics.reporting.common.numbers import MISSING, listed, percent, significant
@@ -16,12 +22,15 @@ SCORES = {
     "surprise": "surprise",
     "spread": "spread of seeds",
     "distance": "distance",
+    "unlikeness": "Mahalanobis",
     "margin": "margin",
 }
 """Title of each score that may tell bad predictions from good ones."""
 KINDS = {"starts": "other starts", "behaviour": "another behaviour", "mechanics": "changed mechanics"}
 SLACK = {1: 0.03}
 """By how much a coverage may miss what was asked, by the steps ahead."""
+MOST_DIMENSIONS = 6
+"""Dimensions of the state that a place is described by."""
 MOST_SLACK = 0.05
 """The same for all other steps."""
 TELLS = 0.9
@@ -38,6 +47,7 @@ def trust_blocks(trust: TrustRecord | None, arrays: Arrays, features: FeatureSpe
         "the test under shifts": shifts_table(trust.shifts) if trust.shifts else None,
         "the risk against coverage": curve,
         "the map of trust": field,
+        "places where more data would help": places_table(trust.places) if trust.places else None,
     }
     missing = [name for name, block in parts.items() if block is None]
     missing += [] if trust.trusted_steps is not None else ["the horizon of trust"]
@@ -108,6 +118,37 @@ def shifts_table(shifts: Mapping[str, ShiftRecord]) -> Table:
     )
     if absent:
         caption += f" Not measured: {listed(absent)}."
+    return Table(caption, columns, rows)
+
+
+def places_table(places: tuple[PlaceRecord, ...]) -> Table:
+    """Return where in the logs the largest errors are expected."""
+    names = list(places[0].state)[:MOST_DIMENSIONS]
+    columns = (
+        Column("Episode"),
+        Column("steps", numeric=False),
+        Column("expected", "RMSE, % of the range"),
+        Column("made", "RMSE, % of the range"),
+        Column("trust"),
+        *(Column(name, "mean state") for name in names),
+    )
+    rows = tuple(
+        Row(
+            (
+                str(each.episode),
+                f"{each.step:,}\u2013{each.step + each.steps - 1:,}",
+                significant(each.expected_percent),
+                significant(each.error_percent),
+                f"{each.trust:.2f}",
+                *(significant(each.state[name]) for name in names),
+            )
+        )
+        for each in places
+    )
+    caption = (
+        "Where more data would help most: the stretches of validation and test episodes in which the model expects "
+        "its largest errors one step ahead, and what it made there. Record more around these states."
+    )
     return Table(caption, columns, rows)
 
 

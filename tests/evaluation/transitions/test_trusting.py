@@ -1,0 +1,157 @@
+"""Whose trust is calibrated, where it is written, and what it is found to be worth on other episodes."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from trusted_models import drifting, trusted_model
+
+from addressed_dynamics.base.errors import ModelError
+from addressed_dynamics.base.files import write_json
+from addressed_dynamics.evaluation.transitions.candidates import Candidate, predictor_of
+from addressed_dynamics.evaluation.transitions.points import Points
+from addressed_dynamics.evaluation.transitions.trust_records import TrustRecord
+from addressed_dynamics.evaluation.transitions.trusting import (
+    WINDOW,
+    Pair,
+    judge_trust,
+    median_course,
+    origin_of,
+    pair_of,
+    window_starts,
+)
+from addressed_dynamics.evaluation.transitions.truth import TrueRollouts
+from addressed_dynamics.networks.files import SavedNetwork, save_network
+from addressed_dynamics.simulators.addressed import AddressedDynamics
+from addressed_dynamics.simulators.delivery import Origin, Recommended
+from addressed_dynamics.simulators.trusted import Calibrated, TrustFile, find_trust, write_trust
+from addressed_dynamics.sources.transitions.params import ShiftParams
+
+
+def candidates() -> list[Candidate]:
+    model, partner, _ = trusted_model()
+    named = {
+        "persistence/seed-0": model, "total_parameters/seed-0": model, "total_parameters/seed-1": partner,
+        "same_size/seed-0": partner,
+    }  # fmt: skip
+    first = AddressedDynamics(model.features, model.ensemble, origin=Origin("ensemble", 0, "plain"))
+    own = Candidate("ensemble/argmax", "ensemble", 1, predictor_of(first, "argmax"), first, "argmax")
+    hindsight = replace(own, name="ensemble/mean", model=None)
+    others = [Candidate(name, name, 1, predictor_of(each, "argmax"), each, "argmax") for name, each in named.items()]
+    return [own, hindsight, *others]
+
+
+def test_a_model_is_held_against_the_same_from_another_seed_else_against_the_ensemble():
+    assert [str(origin) for each in candidates() if (origin := origin_of(each))] == [
+        "candidate ensemble, seed 0, variant plain", "candidate persistence, seed 0",
+        "candidate total_parameters, seed 0", "candidate total_parameters, seed 1", "candidate same_size, seed 0",
+    ]  # fmt: skip
+
+    def partner(candidate: str, variant: str | None = None) -> Origin:
+        pair = pair_of(candidates(), Recommended(candidate, 0, variant, "argmax"))
+        assert pair is not None
+        return pair.partner_origin
+
+    assert partner("total_parameters") == Origin("total_parameters", 1)
+    assert partner("same_size") == Origin("ensemble", 0, "plain")
+    assert partner("persistence") == Origin("ensemble", 0, "plain")
+    # References say nothing of what the data leave open.
+    assert partner("ensemble", "plain").candidate == "total_parameters"
+    alone = [each for each in candidates() if each.name in ("ensemble/argmax", "persistence/seed-0")]
+    assert pair_of(alone, Recommended("ensemble", 0, "plain", "argmax")) is None
+
+
+def test_trust_is_judged_on_test_episodes_and_under_shifts():
+    model, partner, trust = trusted_model()
+    own, other = Origin("total_parameters", 0), Origin("total_parameters", 1)
+    pair = Pair(model, own, partner, other)
+    found = Calibrated(own, "argmax", trust, {})
+    points = {name: Points.of(drifting(60, seed), model.features) for name, seed in (("validation", 1), ("test", 5))}
+    shifts = {"far": drifting(20, 6, scale=30.0), "strong": drifting(20, 7, gain=1.5)}
+    kinds = [
+        ShiftParams.model_validate(
+            {"name": name, "kind": kind, "environment": {"id": "any"}, "behaviour": {"kind": "constant", "action": 0}},
+            strict=False,
+        )
+        for name, kind in (("far", "starts"), ("strong", "mechanics"))
+    ]
+    errors = {"model": np.array([0.1, 0.5]), "persistence": np.array([0.2, 0.4])}
+    record, arrays = judge_trust(pair, found, points, shifts, kinds, errors)
+    read = TrustRecord.model_validate(record)
+    assert read.model == "candidate total_parameters, seed 0"
+    one_step = next(each for each in read.coverage if (each.steps, each.asked) == (1, 0.9))
+    assert one_step.of_all == pytest.approx(0.9, abs=0.03)
+    assert one_step.points == len(points["test"])
+    assert {each.steps for each in read.coverage} == {1, 10}
+    assert read.shifts["strong"].auroc["surprise"] > 0.9
+    assert read.shifts["strong"].auroc["trust"] < read.shifts["strong"].auroc["surprise"]
+    assert read.shifts["strong"].positive_share > 0.5
+    assert "margin" not in read.shifts["far"].auroc
+    assert read.break_even_steps == 2
+    assert 0 <= read.trusted_steps <= read.rollout_steps == 30
+    assert read.risk[-1].coverage == 1.0
+    assert len(read.places) == 5
+    assert list(read.places[0].state) == ["position", "speed"]
+    assert arrays["trust_map"].shape == (24, 24)
+    assert np.nanmax(arrays["trust_map"]) <= 1.0
+
+
+def test_windows_are_within_episodes_one_after_the_other():
+    points = Points.of(drifting(3, 0, length=2 * WINDOW + 5), trusted_model()[0].features)
+    length = 2 * WINDOW + 5
+    assert window_starts(points).tolist() == [start + each for start in (0, length, 2 * length) for each in (0, WINDOW)]
+    assert window_starts(Points.of(drifting(3, 0, length=WINDOW - 1), points.features)).tolist() == []
+
+
+def test_the_median_course_is_of_root_mean_squares():
+    states = np.zeros((3, 3, 2))
+    everyone = {"all": np.ones(3, dtype=bool)}
+    truth = TrueRollouts(states, np.zeros((3, 2, 1)), states[:, :1], np.zeros((3, 0, 1)), everyone)
+    predicted = np.ones((3, 2, 2)) * np.array([1.0, 2.0, 9.0])[:, None, None]
+    assert median_course(predicted, truth, np.array([2.0, 2.0])).tolist() == [1.0, 1.0]
+
+
+def written(folder: Path) -> Path:
+    """Write two models and the trust in one of them."""
+    model, partner, trust = trusted_model()
+    keys = ["total_parameters/seed-0", "total_parameters/seed-1"]
+    for key, each in zip(keys, (model, partner), strict=True):
+        save_network(folder / "baselines" / key / "network", SavedNetwork(each.ensemble, each.features, {}))
+    write_json(folder / "baselines" / "baselines.json", {"format": 1, "trained": keys, "pair": []})
+    second = {"candidate": "total_parameters", "seed": 1, "variant": None, "mode": None}
+    write_trust(folder, [Calibrated(Origin("total_parameters", 0), "argmax", trust, second)], None)
+    return folder
+
+
+def test_trust_is_read_as_it_was_written(tmp_path):
+    model, _, _ = trusted_model()
+    loaded = AddressedDynamics.load(written(tmp_path), candidate="total_parameters")
+    test = drifting(5, 3)
+    for name in ("trust", "interval"):
+        expected, found = (getattr(each, name)(test.observation, test.action) for each in (model, loaded))
+        assert np.array_equal(expected, found)
+    given = (test.observation, test.action, test.next_observation)
+    assert np.array_equal(model.surprise(*given), loaded.surprise(*given))
+
+
+def test_errors_say_for_which_models_there_is_trust(tmp_path):
+    folder, features = written(tmp_path), trusted_model()[0].features
+    other = AddressedDynamics.load(folder, candidate="total_parameters", seed=1)
+    with pytest.raises(ModelError, match=r"total_parameters, seed 1, mode argmax: there is one for candidate"):
+        other.trust(np.zeros(2), np.zeros(1))
+    write_trust(folder, [], "calibration needs at least 2 validation episodes")
+    with pytest.raises(ModelError, match="needs at least 2 validation episodes"):
+        AddressedDynamics.load(folder, candidate="total_parameters").trust(np.zeros(2), np.zeros(1))
+    with pytest.raises(ModelError, match=r"trust: missing, so nobody knows.*dvc repro evaluate@nowhere"):
+        find_trust(TrustFile(tmp_path / "nowhere", Origin("ensemble", 0), "argmax"), features)
+
+
+@pytest.mark.parametrize("name", ["trust.json", "trust.safetensors"])
+def test_damaged_trust_is_one_line(tmp_path, name):
+    folder = written(tmp_path)
+    (place,) = (each for each in (folder / "trust").iterdir() if each.is_dir())
+    (place / name).write_bytes(b"{}")
+    with pytest.raises(ModelError, match=str(place)) as caught:
+        AddressedDynamics.load(folder, candidate="total_parameters").trust(np.zeros(2), np.zeros(1))
+    assert "\n" not in str(caught.value)
