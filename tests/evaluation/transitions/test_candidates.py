@@ -16,6 +16,7 @@ from addressed_dynamics.evaluation.transitions.candidates import (
     baseline_label,
     ensemble_candidates,
     load_other_recipe,
+    recorded_change,
 )
 from addressed_dynamics.evaluation.transitions.one_step import predict_all
 from addressed_dynamics.evaluation.transitions.points import Points
@@ -141,3 +142,33 @@ def test_sampling_draws_other_members_in_the_next_chunk(monkeypatch: pytest.Monk
     monkeypatch.setattr(stacked, "CHUNK_ROWS", 20)
     first, second = predict_all(sampling().predictor, same_point).split(20)
     assert not torch.allclose(first, second)
+
+
+def test_with_one_frame_the_last_change_is_read_from_the_recording_and_is_nothing_in_the_first_step() -> None:
+    points = Points.of(WORLD, untrained_model(WORLD).features)
+    (candidate,) = recorded_change(points.features)
+    assert candidate.model is None
+    assert (candidate.parameters, candidate.multiply_adds) == (0, 0)
+    rows = torch.tensor([7, 40, 3, 0, 41])  # the second episode begins at 40
+    states = WORLD.observation
+    expected = np.stack([2 * states[7] - states[6], states[40], 2 * states[3] - states[2], states[0],
+                         2 * states[41] - states[40]])  # fmt: skip
+    np.testing.assert_allclose(candidate.predictor(points, rows), expected, atol=1e-6)
+
+
+def test_with_frames_the_last_change_is_a_model_and_not_read_from_the_recording() -> None:
+    assert recorded_change(untrained_model(WORLD, history=2).features) == []
+
+
+def test_references_are_candidates_without_a_seed_and_with_their_own_costs(tmp_path: Path) -> None:
+    features = untrained_model(WORLD, history=2).features
+    linear = StackedMLP(1, (features.inputs, features.outputs), "relu")
+    keys = [f"{name}/seed-0" for name in ("persistence", "last_change", "linear", "linear_frame")]
+    for key in keys:
+        save_baseline(tmp_path, key, AddressedDynamics(features, linear, None))
+    (tmp_path / "baselines.json").write_text(json.dumps({"format": 1, "trained": keys, "pair": []}))
+    found = baseline_candidates(tmp_path)
+    labels = ["nothing changes", "the last change goes on", "linear least squares",
+              "linear least squares of the last frame"]  # fmt: skip
+    assert [each.label for each in found] == labels
+    assert [(each.parameters, each.multiply_adds) for each in found] == [(0, 0), (0, 0), (22, 20), (12, 10)]

@@ -121,8 +121,9 @@ class SingleNetwork(Section):
 
 def _is_free(name: str) -> str:
     if name in {
-        "total_parameters", "same_size", "persistence", "linear", "unequal_bins", "random_bins", "pair", "ensemble",
-        "phase_functioned", "learned_blend", "paper_recipe", "default_recipe", "recommended",
+        "total_parameters", "same_size", "persistence", "last_change", "linear", "linear_frame", "unequal_bins",
+        "random_bins", "pair", "ensemble", "phase_functioned", "learned_blend", "paper_recipe", "default_recipe",
+        "recommended",
     }:  # fmt: skip
         message = f"'{name}' has a meaning already; give the network another name"
         raise ValueError(message)

@@ -21,7 +21,14 @@ from addressed_dynamics.simulators.addressed import AddressedDynamics
 from addressed_dynamics.simulators.delivery import parts_in
 from addressed_dynamics.simulators.modes import MODES, Mode
 from addressed_dynamics.training.baselines import OTHER_RECIPE
-from addressed_dynamics.training.references import LINEAR, PERSISTENCE
+from addressed_dynamics.training.references import (
+    LAST_CHANGE,
+    LINEAR,
+    LINEAR_FRAME,
+    PERSISTENCE,
+    UNTRAINED,
+    reference_costs,
+)
 
 MEAN = "ensemble/mean"
 """Name of the candidate that averages the members."""
@@ -82,7 +89,9 @@ def ensemble_candidates(models: dict[int, dict[str, AddressedDynamics]], deliver
 
 BASELINE_LABELS = {
     PERSISTENCE: "nothing changes",
+    LAST_CHANGE: "the last change goes on",
     LINEAR: "linear least squares",
+    LINEAR_FRAME: "linear least squares of the last frame",
     "total_parameters": "one network, as many parameters as the members together",
     "unequal_bins": "ensemble without equal bins",
     "random_bins": "ensemble with random bins",
@@ -109,10 +118,37 @@ def baseline_candidates(folder: Path) -> list[Candidate]:
         name, seed = key.split("/seed-")
         network, model = _load_baseline(folder / key)
         label = baseline_label(name, network.stack)
-        of_seed = "" if name in (PERSISTENCE, LINEAR) else f", seed {seed}"
-        found = _addressed(key, f"{label}{of_seed}", model, "argmax")
-        candidates.append(replace(found, parameters=0, multiply_adds=0) if name == PERSISTENCE else found)
+        if name in UNTRAINED:
+            features = model.features
+            last_frame = None if features.history == 1 else features.frame_inputs
+            parameters, products = reference_costs(name, features.inputs, features.outputs, last_frame)
+            found = _addressed(key, label, model, "argmax")
+            candidates.append(replace(found, parameters=parameters, multiply_adds=products))
+        else:
+            candidates.append(_addressed(key, f"{label}, seed {seed}", model, "argmax"))
     return candidates
+
+
+def recorded_change(features: FeatureSpec) -> list[Candidate]:
+    """Return the reference by which the last change goes on, where a model is given one frame; else nothing.
+
+    One frame does not say how the state changed before, so it is no model, cannot be rolled out, and is read from what
+    was recorded: one step ahead. In the first step of an episode, before which nothing is known, nothing changes.
+    """
+    if features.history > 1:
+        return []
+
+    def predict(points: Points, point: Tensor) -> Tensor:
+        rows = torch.from_numpy(points.rows)[point]
+        states, episode = (
+            torch.from_numpy(each) for each in (points.transitions.observation, points.transitions.episode)
+        )
+        before = (rows - 1).clamp(min=0)
+        known = (before < rows) & (episode[before] == episode[rows])
+        now = states[rows]
+        return torch.where(known.unsqueeze(1), 2 * now - states[before], now)
+
+    return [Candidate(LAST_CHANGE, BASELINE_LABELS[LAST_CHANGE], 0, predict, None, "argmax", 0)]
 
 
 @dataclass(frozen=True)

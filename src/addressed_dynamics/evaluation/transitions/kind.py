@@ -24,6 +24,7 @@ from addressed_dynamics.evaluation.transitions.candidates import (
     load_ensembles,
     load_other_recipe,
     load_pair,
+    recorded_change,
 )
 from addressed_dynamics.evaluation.transitions.points import Points
 from addressed_dynamics.evaluation.transitions.recommending import recommend
@@ -67,7 +68,11 @@ def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int
     points = {split: Points.of(load_transitions(tables, split=split), model.features) for split in EVALUATED}
     segments = {each.episode: each.segment for each in read_episodes(tables / "episodes.parquet")}
     truth = true_rollouts(params.rollouts, points["test"].transitions, model.features.history, segments)
-    candidates = [*ensemble_candidates(ensembles, delivered), *baseline_candidates(models / "baselines")]
+    candidates = [
+        *ensemble_candidates(ensembles, delivered),
+        *baseline_candidates(models / "baselines"),
+        *recorded_change(model.features),
+    ]
     predicted = roll_out(candidates, truth, cores=cores)
     results, rollouts, horizon = evaluate_candidates(
         candidates, points["test"], truth, params.rollouts, loss, predicted

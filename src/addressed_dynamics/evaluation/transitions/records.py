@@ -222,7 +222,7 @@ class RolloutSource(Record):
 
 NOTHING = "persistence"
 """The reference by which nothing changes."""
-REFERENCES = (NOTHING, "linear")
+REFERENCES = (NOTHING, "last_change", "linear", "linear_frame")
 """What any model has to beat."""
 _OTHER_BASELINES = (*REFERENCES, "total_parameters", "unequal_bins", "random_bins", "paper_recipe", "default_recipe")
 

@@ -31,7 +31,9 @@ MODELS = {
     "unequal_bins": ("without equal bins", "#56b4e9"),
     "random_bins": ("random bins", "#e69f00"),
     "persistence": ("nothing changes", "#bbbbbb"),
+    "last_change": ("the last change goes on", "#d9b8a0"),
     "linear": ("linear least squares", "#8a7a00"),
+    "linear_frame": ("linear, last frame", "#c2b95a"),
     "paper_recipe": ("the paper's recipe", "#7b3294"),
     "default_recipe": ("the default recipe", "#7b3294"),
 }
