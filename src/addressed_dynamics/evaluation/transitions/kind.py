@@ -26,6 +26,7 @@ from addressed_dynamics.evaluation.transitions.candidates import (
     load_pair,
     recorded_change,
 )
+from addressed_dynamics.evaluation.transitions.noise_floor import noise_floor
 from addressed_dynamics.evaluation.transitions.points import Points
 from addressed_dynamics.evaluation.transitions.recommending import recommend
 from addressed_dynamics.evaluation.transitions.records import Evaluation
@@ -92,6 +93,7 @@ def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int
         "specialisation": {split: evaluate_specialisation(model, part, loss) for split, part in points.items()},
         "baseline_losses": {split: baseline_losses(candidates, part, loss) for split, part in points.items()},
         "other_recipe": evaluate_other_recipe(other, points) if other else None,
+        "noise_floor": noise_floor(points["train"], points["test"], loss),
     }
     validation = Points.of(load_transitions(tables, split="validation"), model.features)
     found = recommend(candidates, validation, params.rollouts, segments, cores=cores)

@@ -249,6 +249,23 @@ class Recommendation(Record):
     """Of every candidate that can be loaded."""
 
 
+class NoiseFloor(Record):
+    """What differs between steps that begin alike, by the gamma test: nearest neighbours of test transitions."""
+
+    neighbours: int
+    """Neighbours of each."""
+    transitions: int
+    """Test transitions that were judged."""
+    among: int
+    """Training transitions among which neighbours were looked for."""
+    scaled: float
+    """Mean loss of states scaled to [0, 1], of the dimensions that a network predicts."""
+    percent: float
+    """Root mean square of all dimensions, in % of the range."""
+    absolute: dict[str, float]
+    """Mean absolute error of each dimension, in its own unit, of normal noise."""
+
+
 class Evaluation(Record):
     """evaluation.json."""
 
@@ -266,6 +283,8 @@ class Evaluation(Record):
     """None if there are no validation episodes to choose by."""
     trust: TrustRecord | None = None
     """None if it was not measured, as in results of earlier versions."""
+    noise_floor: NoiseFloor | None = None
+    """None if there are too few training transitions, as in results of earlier versions."""
 
     @model_validator(mode="after")
     def _has_the_other_recipe(self) -> Evaluation:
