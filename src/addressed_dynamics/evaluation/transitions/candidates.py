@@ -11,6 +11,7 @@ from torch import Tensor
 
 from addressed_dynamics.base.errors import ModelError
 from addressed_dynamics.base.params.training import AddressingTraining, EnsembleParams
+from addressed_dynamics.evaluation.common.sizes import total_size
 from addressed_dynamics.evaluation.transitions.one_step import Predictor
 from addressed_dynamics.evaluation.transitions.points import Points
 from addressed_dynamics.features.transitions.spec import FeatureSpec
@@ -87,12 +88,14 @@ def ensemble_candidates(models: dict[int, dict[str, AddressedDynamics]], deliver
     return candidates
 
 
+TOTAL = "total_parameters"
+"""Name of the one network that is as large as the whole model."""
 BASELINE_LABELS = {
     PERSISTENCE: "nothing changes",
     LAST_CHANGE: "the last change goes on",
     LINEAR: "linear least squares",
     LINEAR_FRAME: "linear least squares of the last frame",
-    "total_parameters": "one network, as many parameters as the members together",
+    "same_size": "one network, as large as a member",
     "unequal_bins": "ensemble without equal bins",
     "random_bins": "ensemble with random bins",
     "paper_recipe": "ensemble, the paper's recipe",
@@ -107,8 +110,12 @@ def baseline_label(name: str, stack: StackedMLP) -> str:
     return BASELINE_LABELS.get(name, f"one network, {stack.activation} {hidden}" if hidden else "one linear map")
 
 
-def baseline_candidates(folder: Path) -> list[Candidate]:
+def baseline_candidates(folder: Path, own: AddressedDynamics) -> list[Candidate]:
     """Load the baselines that were trained.
+
+    Args:
+        folder: where they are.
+        own: the delivered model, whose size one of them has.
 
     Raises:
         ModelError: a file is missing or damaged.
@@ -118,6 +125,8 @@ def baseline_candidates(folder: Path) -> list[Candidate]:
         name, seed = key.split("/seed-")
         network, model = _load_baseline(folder / key)
         label = baseline_label(name, network.stack)
+        if name == TOTAL:
+            label = f"one network, {total_size(network.stack.parameters_total, _size(own))}"
         if name in UNTRAINED:
             features = model.features
             last_frame = None if features.history == 1 else features.frame_inputs
@@ -232,14 +241,16 @@ def _load_baseline(folder: Path) -> tuple[SavedNetwork[FeatureSpec], AddressedDy
 
 
 def _addressed(name: str, label: str, model: AddressedDynamics, mode: Mode) -> Candidate:
-    addressing = 0 if model.addressing is None else model.addressing.parameters_total
-    parameters = model.ensemble.parameters_total + addressing
-
     # One generator for all chunks of points: seeded for each, it would draw the same members in all of them.
     generator = torch.Generator().manual_seed(SAMPLING_SEED) if mode == "sample" else None
 
     cost = multiply_adds_a_step(model.ensemble, model.addressing, mode)
-    return Candidate(name, label, parameters, predictor_of(model, mode, generator), model, mode, cost)
+    return Candidate(name, label, _size(model), predictor_of(model, mode, generator), model, mode, cost)
+
+
+def _size(model: AddressedDynamics) -> int:
+    """Return the parameters of the members and of the network that addresses them."""
+    return model.ensemble.parameters_total + (0 if model.addressing is None else model.addressing.parameters_total)
 
 
 def predictor_of(model: AddressedDynamics, mode: Mode, generator: torch.Generator | None = None) -> Predictor:

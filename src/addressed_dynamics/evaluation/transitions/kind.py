@@ -71,7 +71,7 @@ def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int
     truth = true_rollouts(params.rollouts, points["test"].transitions, model.features.history, segments)
     candidates = [
         *ensemble_candidates(ensembles, delivered),
-        *baseline_candidates(models / "baselines"),
+        *baseline_candidates(models / "baselines", model),
         *recorded_change(model.features),
     ]
     predicted = roll_out(candidates, truth, cores=cores)

@@ -224,7 +224,9 @@ NOTHING = "persistence"
 """The reference by which nothing changes."""
 REFERENCES = (NOTHING, "last_change", "linear", "linear_frame")
 """What any model has to beat."""
-_OTHER_BASELINES = (*REFERENCES, "total_parameters", "unequal_bins", "random_bins", "paper_recipe", "default_recipe")
+_OTHER_BASELINES = (
+    *REFERENCES, "total_parameters", "same_size", "unequal_bins", "random_bins", "paper_recipe", "default_recipe",
+)  # fmt: skip
 
 
 class ScoreRecord(Record):
@@ -319,7 +321,7 @@ class Evaluation(Record):
 
     @property
     def single_networks(self) -> list[str]:
-        """Names of the single networks of other sizes than the ensemble's, in the order of evaluation."""
+        """Names of the single networks of sizes of their own, in the order of evaluation."""
         names = [name.partition("/seed-")[0] for name in self.candidates if not name.startswith("ensemble/")]
         return [name for name in dict.fromkeys(names) if name not in _OTHER_BASELINES]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from statistics import mean
 
+from addressed_dynamics.evaluation.common.sizes import total_size
 from addressed_dynamics.evaluation.transitions.records import (
     REFERENCES,
     AddressingResult,
@@ -41,8 +42,8 @@ def verdict(evaluation: Evaluation, targets: Sequence[Target], paper: PaperFigur
         subject = "It" if targets else "The model"
         relation = beats(compare(evaluation.own_seeds, single))
         sentences.append(
-            f"{subject} {relation} one network of as many parameters as its members together, trained for as many "
-            "updates."
+            f"{subject} {relation} one network of {total_size(single[0].parameters, evaluation.own.parameters)}, "
+            "trained for as many updates."
         )
     return " ".join(sentences) or "There is nothing to hold the model against."
 
