@@ -64,6 +64,8 @@ class OneStepResult(Record):
     scaled: Summary
     dimensions: tuple[DimensionResult, ...]
     """Those of the state, then its angles if it holds any."""
+    percent: float | None = None
+    """Root mean square over the dimensions of the state, in % of the range; None in results of earlier versions."""
 
     def named(self, names: Sequence[str]) -> list[DimensionResult]:
         """Return the dimensions and angles of these names.
@@ -119,6 +121,14 @@ class RolloutGroup(Record):
     """None if it was not asked for, or if there are no episodes."""
 
 
+class Horizon(Record):
+    """How long the median rollout of a candidate keeps its error below 10 % of the range."""
+
+    seconds: float
+    """Until it is lost; the length of the rollouts, if it is not."""
+    lost: bool
+
+
 class RolloutResult(Record):
     """Rollout errors of one candidate."""
 
@@ -126,6 +136,8 @@ class RolloutResult(Record):
     """None if the state has no bounds."""
     groups: dict[str, RolloutGroup]
     """Over `all` episodes first, then over those of each group that is told apart."""
+    horizon: Horizon | None = None
+    """None for a simulation, as in results of earlier versions."""
 
     @model_validator(mode="after")
     def _has_all(self) -> RolloutResult:
