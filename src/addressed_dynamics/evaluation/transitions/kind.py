@@ -26,6 +26,7 @@ from addressed_dynamics.evaluation.transitions.candidates import (
     load_pair,
     recorded_change,
 )
+from addressed_dynamics.evaluation.transitions.hindsight import evaluate_guesses, evaluate_oracle
 from addressed_dynamics.evaluation.transitions.noise_floor import noise_floor
 from addressed_dynamics.evaluation.transitions.points import Points
 from addressed_dynamics.evaluation.transitions.recommending import recommend
@@ -36,7 +37,6 @@ from addressed_dynamics.evaluation.transitions.suite import (
     baseline_losses,
     evaluate_addressing,
     evaluate_candidates,
-    evaluate_oracle,
     evaluate_other_recipe,
     evaluate_specialisation,
     figure_arrays,
@@ -88,7 +88,11 @@ def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int
             str(seed): {variant: evaluate_addressing(each, points["test"], loss) for variant, each in variants.items()}
             for seed, variants in ensembles.items()
         },
-        "candidates": {"ensemble/oracle": evaluate_oracle(model, points["test"], loss), **results},
+        "candidates": {
+            "ensemble/oracle": evaluate_oracle(model, points["test"], loss),
+            "ensemble/guesses": evaluate_guesses(model, points["test"], loss),
+            **results,
+        },
         "angles": [asdict(angle) for angle in model.features.angles],
         "specialisation": {split: evaluate_specialisation(model, part, loss) for split, part in points.items()},
         "baseline_losses": {split: baseline_losses(candidates, part, loss) for split, part in points.items()},

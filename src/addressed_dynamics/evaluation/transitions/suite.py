@@ -115,17 +115,6 @@ def evaluate_candidate(candidate: Candidate, points: Points, loss: str) -> dict[
     }
 
 
-def evaluate_oracle(model: AddressedDynamics, points: Points, loss: str) -> dict[str, Any]:
-    """Return the same for the ensemble with the best member always picked: what addressing could reach."""
-    errors = one_step_errors(_decoded(model, points, points.losses(model, loss).argmin(dim=0)), points, loss)
-    return {
-        "label": "ensemble, best member (oracle)",
-        "parameters": model.ensemble.parameters_total,
-        "multiply_adds": model.ensemble.multiply_adds(),
-        "one_step": errors,
-    }
-
-
 def evaluate_candidates(
     candidates: Sequence[Candidate],
     points: Points,

@@ -10,7 +10,7 @@ from addressed_dynamics.reporting.common.blocks import Column, Row, Table
 from addressed_dynamics.reporting.common.candidates import Effort, effort_of
 from addressed_dynamics.reporting.common.numbers import MISSING, count, significant
 from addressed_dynamics.reporting.transitions.rollout_tables import row_kind
-from addressed_dynamics.reporting.transitions.tables import NOISE_FLOOR, noise_words
+from addressed_dynamics.reporting.transitions.tables import HINDSIGHT, NOISE_FLOOR, noise_words
 
 COLUMNS = (
     Column("Model", numeric=False),
@@ -43,7 +43,7 @@ def overview_table(evaluation: Evaluation, efforts: Mapping[str, Effort]) -> Tab
         "ensemble, and with its activation unless they say otherwise. Error: root mean square over the dimensions of "
         f"the state, in % of the range. Horizon: the time until it reaches {LOST_PERCENT:g} % in the median rollout; "
         "what cannot be rolled out has none. Parameters and multiply-adds include the addressing network where one is "
-        f"used.{words}"
+        f"used. {HINDSIGHT}{words}"
     )
     return Table(caption, COLUMNS, tuple(rows))
 

@@ -28,6 +28,12 @@ from addressed_dynamics.reporting.transitions.paper import PaperFigures
 from addressed_dynamics.reporting.transitions.recorded import DataResult
 from addressed_dynamics.reporting.transitions.rollout_tables import dropped_words, median_mse, row_kind
 
+HINDSIGHT = (
+    "Hindsight picks the best of several guesses with knowledge of the truth: what it makes of the members bounds what "
+    "addressing can reach, and says something of them only beside what it makes of as many random guesses with the "
+    "members' mean and spread in every transition."
+)
+"""What a caption says of the lines of hindsight."""
 NOISE_FLOOR = "noise floor of the data (nearest neighbours)"
 """What a reader should see for it."""
 
@@ -184,8 +190,8 @@ def one_step_table(evaluation: Evaluation, efforts: Mapping[str, Effort], paper:
         ]
         rows.append(costless_row(NOISE_FLOOR, [scientific(floor.scaled), *[MISSING] * 3, *known], "reference"))
     caption = (
-        f"One step ahead, all candidates on the same {evaluation.test.transitions:,} held-out transitions. The first "
-        f"line picks the best network with knowledge of the truth, so it bounds what addressing can reach. {COSTS}."
+        f"One step ahead, all candidates on the same {evaluation.test.transitions:,} held-out transitions. "
+        f"{HINDSIGHT} {COSTS}."
     )
     if evaluation.noise_floor:
         caption += f" {noise_words(evaluation.noise_floor)}"

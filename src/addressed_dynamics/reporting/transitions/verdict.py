@@ -136,7 +136,17 @@ def _one_step(evaluation: Evaluation) -> str:
     best = oracle.one_step.scaled.mean
     ratio = scaled.mean / best
     cost = f", {times(ratio)} lower" if ratio >= MARGIN else ", about the same"
-    return f"{text}; with the best subnetwork always picked the mean would be {scientific(best)}{cost}."
+    members = len(evaluation.table.members)
+    text += (
+        f"; in hindsight, with the best of the {in_words(members)} subnetworks picked for every transition, the mean "
+    )
+    guesses = evaluation.candidates.get("ensemble/guesses")
+    beside = (
+        f", and with the best of as many random guesses of the same spread {scientific(guesses.one_step.scaled.mean)}"
+        if guesses and members > 1
+        else ""
+    )
+    return f"{text}would be {scientific(best)}{cost}{beside}."
 
 
 def _specialisation(table: AddressingResult) -> str:
