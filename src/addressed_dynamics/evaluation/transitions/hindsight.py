@@ -23,14 +23,14 @@ GUESSES_SEED = 0
 
 def evaluate_oracle(model: AddressedDynamics, points: Points, loss: str) -> dict[str, Any]:
     """Return size and one-step errors of the ensemble with the best member picked in hindsight for every point."""
-    label = f"hindsight over {_guesses(model)}: the best member of each transition"
-    return _best(label, points.outputs(model), model, points, loss)
+    return _best(f"hindsight over {_count(model)} (the members)", points.outputs(model), model, points, loss)
 
 
 def evaluate_guesses(model: AddressedDynamics, points: Points, loss: str) -> dict[str, Any]:
     """Return the same with the best of as many random guesses as there are members."""
-    label = f"hindsight over {_guesses(model)} at random, spread as the members"
-    return _best(label, random_guesses(points.outputs(model)), model, points, loss)
+    return _best(
+        f"hindsight over {_count(model, 'random ')}", random_guesses(points.outputs(model)), model, points, loss
+    )
 
 
 def random_guesses(outputs: Float[Tensor, "member point output"]) -> Float[Tensor, "member point output"]:
@@ -62,6 +62,6 @@ def _best(
     }
 
 
-def _guesses(model: AddressedDynamics) -> str:
+def _count(model: AddressedDynamics, kind: str = "") -> str:
     members = model.ensemble.members
-    return f"{members} guesses" if members > 1 else "one guess"
+    return f"{members} {kind}guesses" if members > 1 else f"one {kind}guess"

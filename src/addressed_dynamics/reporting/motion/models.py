@@ -12,7 +12,7 @@ OWN = "addressed ensemble"
 MODELS = {
     "phase_functioned": ("PFNN, trained here", "#d55e00"),
     "released": ("PFNN, as published", "#0072b2"),
-    "total_parameters": ("one network, as large as the whole model", "#009e73"),
+    "total_parameters": ("one large network", "#009e73"),
     "learned_blend": ("parameters mixed by a gate", "#cc79a7"),
     "same_size": ("one network, as large as a member", "#56b4e9"),
     "paper_recipe": ("ensemble, the paper's recipe", "#7b3294"),

@@ -26,7 +26,7 @@ MEMBERS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#8
 """One colour for each member; the palette of Okabe and Ito, which colour-blind readers can tell apart."""
 MODELS = {
     "ensemble/argmax": ("addressed ensemble", INK),
-    "total_parameters": ("one network, as large as the whole model", "#009e73"),
+    "total_parameters": ("one large network", "#009e73"),
     "same_size": ("one network, as large as a member", "#66a61e"),
     "wide": ("one wide network", "#cc79a7"),
     "unequal_bins": ("without equal bins", "#56b4e9"),
