@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from jaxtyping import Float64
 from scipy.spatial import cKDTree
@@ -10,13 +12,22 @@ NEIGHBOURS = 10
 """Neighbours of a step that are compared with it."""
 
 
-def noise_variances(
+@dataclass(frozen=True)
+class Noise:
+    """The noise in some outcomes."""
+
+    variance: Float64[np.ndarray, " outcome"]
+    absolute: Float64[np.ndarray, " outcome"]
+    """Mean absolute value: of noise with such a variance, and as long tails as the differences between neighbours."""
+
+
+def find_noise(
     inputs: Float64[np.ndarray, "row input"],
     outcomes: Float64[np.ndarray, "row outcome"],
     among: tuple[Float64[np.ndarray, "other input"], Float64[np.ndarray, "other outcome"]] | None = None,
     neighbours: int = NEIGHBOURS,
-) -> Float64[np.ndarray, " outcome"] | None:
-    """Return the variance of the noise in each outcome, by the gamma test (Stefánsson, Končar and Jones 1997).
+) -> Noise | None:
+    """Return the noise in each outcome, by the gamma test (Stefánsson, Končar and Jones 1997).
 
     Half of the mean squared difference between the outcomes of a row and of its k-th neighbour is a line over their
     squared distance, whose value at distance zero is the variance of the noise.
@@ -29,7 +40,7 @@ def noise_variances(
         neighbours: how many are compared with each row, or as many as there are.
 
     Returns:
-        The variances; None with fewer than two neighbours, or without rows.
+        The noise; None with fewer than two neighbours, or without rows.
     """
     others, their_outcomes = (inputs, outcomes) if among is None else among
     itself = among is None
@@ -40,8 +51,12 @@ def noise_variances(
     if itself:
         distances, nearest = _without_itself(distances, nearest)
     squared = (distances**2).mean(axis=0)
-    differences = 0.5 * ((their_outcomes[nearest] - outcomes[:, None]) ** 2).mean(axis=0)
-    return np.array([_at_zero(squared, column) for column in differences.T])
+    differences = their_outcomes[nearest] - outcomes[:, None]
+    half = 0.5 * (differences**2).mean(axis=0)
+    variance = np.array([_at_zero(squared, column) for column in half.T])
+    size = np.sqrt(2 * half[0])
+    shape = np.abs(differences[:, 0]).mean(axis=0) / np.where(size > 0, size, 1.0)
+    return Noise(variance, np.sqrt(variance) * shape)
 
 
 def _without_itself(

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Float64
 
-from addressed_dynamics.episodes.noise import noise_variances
+from addressed_dynamics.episodes.noise import find_noise
 from addressed_dynamics.importing.samples import Episodes, Samples
 from addressed_dynamics.importing.signals import Signals
 
@@ -283,10 +283,10 @@ def _noises(states: Sequence[str], stretches: Sequence[Stretch]) -> list[Noise]:
     inputs, change = inputs[rows], change[rows]
     moving = inputs.std(axis=0) > 0
     scaled = inputs[:, moving] / inputs[:, moving].std(axis=0)
-    variances = noise_variances(scaled, change)
-    if variances is None:
+    found = find_noise(scaled, change)
+    if found is None:
         return []
     return [
         Noise(name, variance**0.5, variance**0.5 / spread if spread > 0 else 0.0)
-        for name, variance, spread in zip(states, variances.tolist(), change.std(axis=0).tolist(), strict=True)
+        for name, variance, spread in zip(states, found.variance.tolist(), change.std(axis=0).tolist(), strict=True)
     ]

@@ -5,11 +5,14 @@ import pytest
 from learning import sail
 
 from addressed_dynamics.episodes.transitions import Transitions
-from addressed_dynamics.evaluation.transitions.noise_floor import NORMAL, noise_floor
+from addressed_dynamics.evaluation.transitions.noise_floor import noise_floor
 from addressed_dynamics.evaluation.transitions.points import Points
 from addressed_dynamics.evaluation.transitions.records import NoiseFloor
 from addressed_dynamics.features.transitions.spec import FeatureSpec, fit_features
 from addressed_dynamics.sources.transitions.params import FeatureParams
+
+NORMAL = np.sqrt(2 / np.pi)
+"""Mean absolute value of normal noise, in standard deviations."""
 
 
 def with_noise(deviation: tuple[float, float], seed: int) -> Transitions:

@@ -13,15 +13,13 @@ import numpy as np
 import torch
 from jaxtyping import Float64
 
-from addressed_dynamics.episodes.noise import NEIGHBOURS, noise_variances
+from addressed_dynamics.episodes.noise import NEIGHBOURS, find_noise
 from addressed_dynamics.evaluation.transitions.points import Points
 
 MOST_POINTS = 2_000
 """Test transitions, evenly spread, whose neighbours are looked for."""
 MOST_FITTED = 100_000
 """Training transitions, evenly spread, that the linear map is fitted to."""
-NORMAL = math.sqrt(2.0 / math.pi)
-"""Mean absolute value of normal noise, in standard deviations."""
 
 
 def noise_floor(train: Points, test: Points, loss: str) -> dict[str, Any] | None:
@@ -29,8 +27,7 @@ def noise_floor(train: Points, test: Points, loss: str) -> dict[str, Any] | None
 
     Each is compared with its nearest neighbours among all training transitions, by a network's inputs. What is compared
     is the change of the state in a step, less the best linear map of the inputs: over the distance to a neighbour the
-    rest changes least, so that the line to distance zero is short. Absolute errors are those of normal noise of the
-    variance that was found.
+    rest changes least, so that the line to distance zero is short.
 
     Args:
         train: where neighbours are looked for.
@@ -42,21 +39,18 @@ def noise_floor(train: Points, test: Points, loss: str) -> dict[str, Any] | None
     fitted = _spread(len(train), MOST_FITTED)
     weights = np.linalg.lstsq(_with_one(given[fitted]), changes[fitted], rcond=None)[0]
     rest, asked_rest = (y - _with_one(x) @ weights for x, y in ((given, changes), (asked[rows], true[rows])))
-    variances = noise_variances(asked[rows], asked_rest, (given, rest))
-    if variances is None:
+    noise = find_noise(asked[rows], asked_rest, (given, rest))
+    if noise is None:
         return None
-    relative = variances / np.array(features.scale) ** 2
-    predicted = relative[list(features.predicted)]
+    scale, predicted = np.array(features.scale), list(features.predicted)
+    variance, absolute = noise.variance / scale**2, noise.absolute / scale
     return {
         "neighbours": min(NEIGHBOURS, len(train)),
         "transitions": len(rows),
         "among": len(train),
-        "scaled": float(predicted.mean() if loss == "mse" else NORMAL * np.sqrt(predicted).mean()),
-        "percent": 100 * math.sqrt(relative.mean()),
-        "absolute": {
-            dimension.name: NORMAL * math.sqrt(variance)
-            for dimension, variance in zip(features.spaces.observation, variances.tolist(), strict=True)
-        },
+        "scaled": float((variance if loss == "mse" else absolute)[predicted].mean()),
+        "percent": 100 * math.sqrt(variance.mean()),
+        "absolute": dict(zip(features.spaces.observation_names, noise.absolute.tolist(), strict=True)),
     }
 
 

@@ -277,7 +277,7 @@ class NoiseFloor(Record):
     percent: float
     """Root mean square of all dimensions, in % of the range."""
     absolute: dict[str, float]
-    """Mean absolute error of each dimension, in its own unit, of normal noise."""
+    """Mean absolute value of the noise in each dimension, in its own unit."""
 
 
 class Evaluation(Record):
