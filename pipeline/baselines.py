@@ -21,7 +21,7 @@ from addressed_dynamics.training.ensemble import evaluate_profiles, train_ensemb
 from addressed_dynamics.training.epochs import Epoch, updates_per_epoch
 from addressed_dynamics.training.estimates import seconds_per_update
 from addressed_dynamics.training.losses import reported_loss
-from addressed_dynamics.training.references import PERSISTENCE, reference_networks
+from addressed_dynamics.training.references import reference_costs, reference_networks
 from pipeline.stage import checkpoints_dir, figures_dir, models_dir
 from pipeline.trainings import (
     Stage,
@@ -110,9 +110,8 @@ def _reference_metrics(name: str, network: StackedMLP, data: TrainingData[Any]) 
     unit = data.features.loss_unit("mse")
     parts = {part: each for part, each in (("train", data.train), ("validation", data.validation)) if len(each)}
     losses = {part: float(evaluate_profiles(network, each, "mse").mean()) * unit for part, each in parts.items()}
-    known = {"parameters": network.parameters_total, "samples": len(data.train)}
-    if name == PERSISTENCE:
-        known = {"parameters": 0, "samples": 0}
+    parameters, _ = reference_costs(name, network.widths[0], network.widths[-1], data.last_frame)
+    known = {"parameters": parameters, "samples": len(data.train) if parameters else 0}
     return {**{f"loss/{part}": loss for part, loss in losses.items()}, "updates": 0, **known}
 
 

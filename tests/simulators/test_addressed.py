@@ -287,8 +287,15 @@ def test_any_other_model_that_was_trained_is_loaded_by_its_name(folder: Path) ->
         model = AddressedDynamics.load(folder, candidate="relu_512", seed=seed)
         assert (model.ensemble.members, model.ensemble.widths, model.addressing) == (1, (5, 4, 2), None)
     assert is_of(AddressedDynamics.load(folder, candidate="ensemble"), 4, "cost_sensitive")
-    with pytest.raises(ModelError, match=r"no candidate 'relu' \(candidates there: ensemble, relu_512\)"):
+    with pytest.raises(ModelError, match=r"no candidate 'relu' \(candidates there: ensemble, relu_512\)$"):
         AddressedDynamics.load(folder, candidate="relu")
+    for name, asked in {"same_size": "same_size", "paper_recipe": "other_recipe"}.items():
+        with pytest.raises(
+            ModelError, match=rf"no candidate '{name}' .*; name it in baselines.train \('{asked}'\) and run"
+        ):
+            AddressedDynamics.load(folder, candidate=name)
+    with pytest.raises(ModelError, match=r"no candidate 'last_change' .*; there is one if features.history is above 1"):
+        AddressedDynamics.load(folder, candidate="last_change")
     with pytest.raises(ModelError, match=r"'relu_512' was not trained from seed 4 \(seeds there: 3, 5\)"):
         AddressedDynamics.load(folder, candidate="relu_512", seed=4)
     with pytest.raises(ModelError, match="'relu_512' has none"):

@@ -15,6 +15,7 @@ from addressed_dynamics.base.params.training import BlendedNetwork, EnsemblePara
 from addressed_dynamics.features.common.samples import Samples
 from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.sources.transitions.params import ExperimentParams
+from addressed_dynamics.training.addressing import untrained_addressing
 from addressed_dynamics.training.baselines import (
     PAIR,
     Baseline,
@@ -35,7 +36,7 @@ SINGLE_NETWORKS = {
     "wide": {"hidden": [24, 24, 24], "activation": "relu", "batch_size": 10},
     "narrow": {"hidden": [8], "activation": "tanh", "batch_size": 16},
 }
-TRAINED = ("total_parameters", "unequal_bins", "random_bins", "other_recipe")
+TRAINED = ("total_parameters", "same_size", "unequal_bins", "random_bins", "other_recipe")
 
 
 def experiment(**changes: Any) -> ExperimentParams:
@@ -76,6 +77,20 @@ def test_one_network_gets_as_many_parameters_as_the_members_have_together(
     all_members = members * StackedMLP(1, (inputs, *hidden, outputs), "relu").parameters_per_member
     assert one == pytest.approx(all_members, rel=0.01)
     assert len(found) == len(hidden)
+
+
+@pytest.mark.parametrize("heads", [(), (8, 8)])
+def test_one_network_gets_as_many_parameters_as_members_and_addressing_have_together(heads: tuple[int, ...]) -> None:
+    ensemble = ENSEMBLE.model_copy(update={"members": 4, "hidden": (64, 64)})
+    addressing = ADDRESSING.model_copy(update={"hidden": (96, 32), "heads": heads})
+    found = total_parameters(ensemble, addressing, 20, 4, 1000)
+    one = StackedMLP(1, (20, *found.hidden, 4), "relu").parameters_total
+    members = StackedMLP(4, (20, 64, 64, 4), "relu").parameters_total
+    picks = untrained_addressing(20, 4, addressing, seed=0).parameters_total
+    assert picks > 0.2 * members
+    assert one == pytest.approx(members + picks, rel=0.02)
+    planning = plan_baselines(experiment(), PAPER, 5, 2, len(TRAIN))["total_parameters"].training
+    assert planning == total_parameters(ENSEMBLE, ADDRESSING, 5, 2, len(TRAIN)).model_copy()
 
 
 def test_one_member_gets_its_own_widths() -> None:
@@ -123,14 +138,15 @@ def test_trainings_of_one_network_and_of_a_mixture_end_at_the_update_at_which_th
 def test_an_ablation_differs_by_its_bins_alone_and_a_single_network_by_its_shape() -> None:
     chosen = experiment()
     plan = planned(chosen)
-    assert list(plan) == [*SINGLE_NETWORKS, "total_parameters", "unequal_bins", "random_bins", "paper_recipe", PAIR]
+    assert list(plan) == [*SINGLE_NETWORKS, *TRAINED[:-1], "paper_recipe", PAIR]
     for name, binning in {"unequal_bins": "lowest_loss", "random_bins": "random"}.items():
         assert plan[name] == Baseline(chosen, CHANGE, ENSEMBLE, binning, ADDRESSING)
-    recipes = {name: plan[name].training for name in ("wide", "narrow", "total_parameters")}
+    recipes = {name: plan[name].training for name in ("wide", "narrow", "total_parameters", "same_size")}
     shapes = {name: (each.members, each.hidden, each.activation, each.batch_size) for name, each in recipes.items()}
     assert shapes["wide"] == (1, (24, 24, 24), "relu", 10)
     assert shapes["narrow"] == (1, (8,), "tanh", 16)
     assert (shapes["total_parameters"][0], shapes["total_parameters"][2:]) == (1, (ENSEMBLE.activation, 8))
+    assert shapes["same_size"] == (1, ENSEMBLE.hidden, ENSEMBLE.activation, 8)
     for name, recipe in recipes.items():
         same = {"optimiser", "loss"}
         assert recipe.model_dump(include=same) == ENSEMBLE.model_dump(include=same)
@@ -206,7 +222,7 @@ def test_the_epochs_of_every_baseline_hold_as_many_updates_as_the_ensemble_makes
     assert wanted == ensemble.epochs * updates_per_epoch(samples, ensemble.members, ensemble.batch_size)
     trainings = [
         same_size(ensemble, samples),
-        total_parameters(ensemble, 342, 311, samples),
+        total_parameters(ensemble, ADDRESSING, 342, 311, samples),
         as_single(ensemble, {"batch_size": batch_size}, samples),
         blended_training(BLENDED.model_copy(update={"batch_size": batch_size}), ensemble, samples),
     ]
@@ -228,7 +244,7 @@ def test_a_single_network_is_trained_as_a_member_is_but_for_what_is_said_of_it()
     like_a_member = same_size(RESTARTED, 1000)
     assert like_a_member.model_dump(include=same) == RESTARTED.model_dump(include=same)
     assert (like_a_member.members, like_a_member.cluster_epochs, like_a_member.restart) == (1, 1, False)
-    wide = total_parameters(RESTARTED, 342, 311, 1000)
+    wide = total_parameters(RESTARTED, ADDRESSING, 342, 311, 1000)
     assert wide.model_dump(include=same - {"hidden"}) == RESTARTED.model_dump(include=same - {"hidden"})
     assert wide.hidden > RESTARTED.hidden
     other = as_single(RESTARTED, {"hidden": (5,), "activation": "tanh"}, 1000)
@@ -236,5 +252,5 @@ def test_a_single_network_is_trained_as_a_member_is_but_for_what_is_said_of_it()
 
 
 def test_what_it_returns_are_params_that_a_file_could_hold() -> None:
-    for each in (same_size(RESTARTED, 10), total_parameters(RESTARTED, 342, 311, 10)):
+    for each in (same_size(RESTARTED, 10), total_parameters(RESTARTED, ADDRESSING, 342, 311, 10)):
         assert EnsembleParams.model_validate_json(each.model_dump_json()) == each

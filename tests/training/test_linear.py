@@ -3,7 +3,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from learning import ENSEMBLE, car_samples
+from learning import ADDRESSING, ENSEMBLE, car_samples
 
 from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.simulators.addressed import AddressedDynamics
@@ -56,7 +56,9 @@ def test_the_portable_model_has_the_linear_part() -> None:
 
 def test_one_network_of_as_many_parameters_counts_the_linear_parts() -> None:
     wide = LINEAR.model_copy(update={"members": 3, "hidden": (16,)})
-    found = total_parameters(wide, 20, 4, 200)
+    addressing = ADDRESSING.model_copy(update={"hidden": (8,)})
+    found = total_parameters(wide, addressing, 20, 4, 200)
     one, members = (StackedMLP(each.members, (20, *each.hidden, 4), "relu", linear=True) for each in (found, wide))
     assert found.linear
-    assert abs(one.parameters_total - members.parameters_total) <= 20 + 1 + 4
+    picks = (20 + 1) * 8 + (8 + 1) * 3
+    assert abs(one.parameters_total - members.parameters_total - picks) <= 20 + 1 + 4

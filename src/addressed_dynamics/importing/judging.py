@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Float64
 
+from addressed_dynamics.episodes.noise import find_noise
 from addressed_dynamics.importing.samples import Episodes, Samples
 from addressed_dynamics.importing.signals import Signals
 
@@ -22,8 +23,6 @@ LAGS = 50
 """The most steps that such a delay may have."""
 MOST_POINTS = 3_000
 """So many samples at most are compared with each other for the noise."""
-NEIGHBOURS = 10
-"""Neighbours of a sample that are compared with it."""
 EFFECT = 0.01
 """Share of what the state does not explain by itself that an action has to explain to count as its cause."""
 
@@ -276,12 +275,7 @@ def _residual(
 
 
 def _noises(states: Sequence[str], stretches: Sequence[Stretch]) -> list[Noise]:
-    """Estimate the noise of each state: what differs between steps that begin alike, as their distance goes to zero.
-
-    The gamma test (Stefánsson, Končar and Jones 1997): half of the mean squared difference between the changes of a
-    sample and its k-th neighbour is a line over their squared distance, whose value at distance zero is the variance of
-    the noise.
-    """
+    """Estimate the noise of each state: what differs between steps that begin alike, as their distance goes to zero."""
     every = [np.column_stack([each.states, each.inputs, each.exogenous]) for each in stretches]
     inputs = np.concatenate([each[:-1] for each in every])
     change = np.concatenate([np.diff(each.states, axis=0) for each in stretches])
@@ -289,29 +283,10 @@ def _noises(states: Sequence[str], stretches: Sequence[Stretch]) -> list[Noise]:
     inputs, change = inputs[rows], change[rows]
     moving = inputs.std(axis=0) > 0
     scaled = inputs[:, moving] / inputs[:, moving].std(axis=0)
-    neighbours = min(NEIGHBOURS, len(scaled) - 1)
-    if neighbours < 2:
+    found = find_noise(scaled, change)
+    if found is None:
         return []
-    distances, differences = np.zeros(neighbours), np.zeros((neighbours, len(states)))
-    for row, each in enumerate(scaled):
-        squared = ((scaled - each) ** 2).sum(axis=1)
-        squared[row] = np.inf
-        nearest = np.argpartition(squared, neighbours - 1)[:neighbours]
-        nearest = nearest[squared[nearest].argsort()]
-        distances += squared[nearest] / len(scaled)
-        differences += 0.5 * (change[nearest] - change[row]) ** 2 / len(scaled)
-    return [_noise(name, distances, column, change[:, place])
-            for place, (name, column) in enumerate(zip(states, differences.T, strict=True))]  # fmt: skip
-
-
-def _noise(
-    name: str,
-    distances: Float64[np.ndarray, " neighbour"],
-    differences: Float64[np.ndarray, " neighbour"],
-    change: Float64[np.ndarray, " row"],
-) -> Noise:
-    slope, at_zero = np.polyfit(distances, differences, 1) if np.ptp(distances) > 0 else (0.0, differences.mean())
-    # A line that bends down near zero would give less than nothing; what is left of it is no noise.
-    variance = float(np.clip(at_zero if slope >= 0 else differences[0], 0.0, differences[0]))
-    spread = float(change.std())
-    return Noise(name, variance**0.5, variance**0.5 / spread if spread > 0 else 0.0)
+    return [
+        Noise(name, variance**0.5, variance**0.5 / spread if spread > 0 else 0.0)
+        for name, variance, spread in zip(states, found.variance.tolist(), change.std(axis=0).tolist(), strict=True)
+    ]

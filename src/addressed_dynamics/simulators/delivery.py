@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import get_args
 
 from addressed_dynamics.base.errors import ModelError
 from addressed_dynamics.base.files import write_json
+from addressed_dynamics.base.params.training import Trained
 from addressed_dynamics.networks.files import addressed_folders, read_index
+from addressed_dynamics.training.baselines import OTHER_RECIPE
+from addressed_dynamics.training.references import LAST_CHANGE, LINEAR_FRAME
 
 FILE = "delivered.json"
 """Name of the file in a folder of models; the evaluation writes it."""
@@ -167,7 +171,7 @@ def find_parts(folder: Path, candidate: str | None, seed: int | None, variant: s
     seeds = [each for name, each in trained if name == candidate]
     if not seeds:
         names = ", ".join(dict.fromkeys([ENSEMBLE, *(name for name, _ in trained)]))
-        message = f"{folder}: there is no candidate '{candidate}' (candidates there: {names})"
+        message = f"{folder}: there is no candidate '{candidate}' (candidates there: {names}){_how_to_get(candidate)}"
         raise ModelError(message)
     if seed is not None and seed not in seeds:
         message = (
@@ -176,6 +180,16 @@ def find_parts(folder: Path, candidate: str | None, seed: int | None, variant: s
         raise ModelError(message)
     chosen = Origin(str(candidate), seeds[0] if seed is None else seed)
     return replace(parts_in(folder / "baselines" / f"{candidate}/seed-{chosen.seed}"), origin=chosen)
+
+
+def _how_to_get(candidate: str | None) -> str:
+    """Say what to do for a candidate that was not trained; nothing of a name that there is none of."""
+    name = "other_recipe" if candidate in OTHER_RECIPE.values() else candidate
+    if name in get_args(Trained):
+        return f"; name it in baselines.train ('{name}') and run train_baselines again"
+    if name in (LAST_CHANGE, LINEAR_FRAME):
+        return "; there is one if features.history is above 1 and train_baselines has run since"
+    return ""
 
 
 def _recommended(folder: Path, seed: int | None, variant: str | None) -> Parts:

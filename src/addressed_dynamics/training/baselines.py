@@ -18,6 +18,7 @@ from addressed_dynamics.base.params.training import (
     BlendedTraining,
     EnsembleParams,
 )
+from addressed_dynamics.training.addressing import untrained_addressing
 from addressed_dynamics.training.ensemble import Binning
 from addressed_dynamics.training.epochs import updates_per_epoch
 
@@ -138,7 +139,7 @@ def single_network_params(
         return as_single(ensemble, dict(baselines.single_networks[name]), samples)
     if name == "same_size":
         return same_size(ensemble, samples)
-    return total_parameters(ensemble, inputs, outputs, samples)
+    return total_parameters(ensemble, baselines.addressing, inputs, outputs, samples)
 
 
 def ensemble_updates(ensemble: EnsembleParams, samples: int) -> int:
@@ -166,10 +167,18 @@ def same_size(ensemble: EnsembleParams, samples: int) -> EnsembleParams:
     return as_single(ensemble, {}, samples)
 
 
-def total_parameters(ensemble: EnsembleParams, inputs: int, outputs: int, samples: int) -> EnsembleParams:
-    """Return the training of one network with as many parameters as the members together, as `as_single` does."""
+def total_parameters(
+    ensemble: EnsembleParams, addressing: AddressingTraining, inputs: int, outputs: int, samples: int
+) -> EnsembleParams:
+    """Return the training of one network with as many parameters as a whole model, as `as_single` does.
+
+    A whole model is the members and a network like `addressing`, which picks one of them.
+    """
     linear = inputs * outputs if ensemble.linear else 0
-    hidden = hidden_of_total_parameters(inputs, outputs, ensemble.hidden, ensemble.members, linear=linear)
+    picks = untrained_addressing(inputs, ensemble.members, addressing, seed=0).parameters_total
+    hidden = hidden_of_total_parameters(
+        inputs, outputs, ensemble.hidden, ensemble.members, linear=linear, addressing=picks
+    )
     return as_single(ensemble, {"hidden": hidden}, samples)
 
 
@@ -180,11 +189,12 @@ def blended_training(network: BlendedNetwork, ensemble: EnsembleParams, samples:
 
 
 def hidden_of_total_parameters(
-    inputs: int, outputs: int, hidden: tuple[int, ...], members: int, *, linear: int = 0
+    inputs: int, outputs: int, hidden: tuple[int, ...], members: int, *, linear: int = 0, addressing: int = 0
 ) -> tuple[int, ...]:
-    """Return hidden widths, in the proportions of `hidden`, of one network with as many parameters as the members.
+    """Return hidden widths, in the proportions of `hidden`, of one network with as many parameters as a whole model.
 
-    Every network, the one and the members, has so many more in a linear part.
+    These are the members' and so many of the network that addresses them. Every network, the one and the members, has
+    so many more in a linear part.
     """
 
     def count(widths: tuple[int, ...]) -> int:
@@ -194,7 +204,7 @@ def hidden_of_total_parameters(
     def stretched(percent: int) -> tuple[int, ...]:
         return tuple(max(1, round(width * percent / 100)) for width in hidden)
 
-    wanted = members * count(hidden)
+    wanted = members * count(hidden) + addressing
     most = math.ceil(100 * wanted / (count(hidden) - linear))
     candidates = [stretched(percent) for percent in range(100, most + 1)]
     return min(candidates, key=lambda widths: abs(count(widths) - wanted))

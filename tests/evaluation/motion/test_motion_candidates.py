@@ -1,6 +1,7 @@
 """Models of motion that are compared: what is loaded from a folder of models, under which names."""
 
 import pickle
+import shutil
 from copy import deepcopy
 from pathlib import Path
 
@@ -92,7 +93,7 @@ def test_sampling_repeats_from_one_evaluation_to_the_next(models: Path) -> None:
 
 
 def test_baselines_have_the_names_they_were_trained_under_and_predict_in_their_own_mode(models: Path) -> None:
-    found = baseline_candidates(models / "baselines")
+    found = baseline_candidates(models / "baselines", 1000)
     assert [(each.group, each.seed, each.label) for each in found] == [
         (name, 3, BASELINE_LABELS[name]) for name in ("phase_functioned", "same_size")
     ]
@@ -103,10 +104,25 @@ def test_baselines_have_the_names_they_were_trained_under_and_predict_in_their_o
     assert found[1].multiply_adds == 342 * 8 + 8 * 311
 
 
+@pytest.mark.parametrize(
+    ("own", "label"),
+    [
+        (5700, "one network, as many parameters as members and addressing together"),
+        (9000, "one network, 5,543 parameters, where members and addressing have 9,000"),
+    ],
+)
+def test_one_network_is_called_as_large_as_the_model_only_if_it_is(models: Path, own: int, label: str) -> None:
+    folder = models / "baselines"
+    shutil.copytree(folder / "same_size", folder / "total_parameters")
+    write_json(folder / "baselines.json", {"trained": ["total_parameters/seed-3"]})
+    (found,) = baseline_candidates(folder, own)
+    assert (found.parameters, found.label) == (343 * 8 + 9 * 311, label)
+
+
 def test_a_folder_that_lacks_models_is_refused(models: Path) -> None:
     (models / "baselines" / "baselines.json").unlink()
     with pytest.raises(ModelError, match=r"baselines\.json: missing"):
-        baseline_candidates(models / "baselines")
+        baseline_candidates(models / "baselines", 1000)
     (models / "addressing" / "addressing.json").unlink()
     with pytest.raises(ModelError, match=r"addressing\.json: missing"):
         load_motion_ensembles(models)

@@ -16,6 +16,7 @@ from addressed_dynamics.evaluation.transitions.candidates import (
     baseline_label,
     ensemble_candidates,
     load_other_recipe,
+    recorded_change,
 )
 from addressed_dynamics.evaluation.transitions.one_step import predict_all
 from addressed_dynamics.evaluation.transitions.points import Points
@@ -51,7 +52,7 @@ def test_baselines_are_candidates_with_their_size_and_the_pair_is_none(tmp_path:
         save_baseline(tmp_path, key, model)
     index = {"format": 1, "trained": list(trained), "pair": ["pair/seed-0"]}
     (tmp_path / "baselines.json").write_text(json.dumps(index))
-    found = baseline_candidates(tmp_path)
+    found = baseline_candidates(tmp_path, untrained_model(WORLD))
     assert [each.name for each in found] == list(trained)
     labels = ["one network, tanh 16 × 8, seed 0", "ensemble without equal bins, seed 2"]
     assert [each.label for each in found] == labels
@@ -66,7 +67,7 @@ def test_baselines_are_candidates_with_their_size_and_the_pair_is_none(tmp_path:
     [
         ("wide", (5, 512, 512, 512, 2), "one network, relu 512 × 512 × 512"),
         ("small", (5, 2), "one linear map"),
-        ("total_parameters", (5, 90, 90, 2), "one network, as many parameters as the members together"),
+        ("same_size", (5, 128, 128, 2), "one network, as large as a member"),
         ("paper_recipe", (5, 16, 2), "ensemble, the paper's recipe"),
         ("default_recipe", (5, 16, 2), "ensemble, the default recipe"),
     ],
@@ -97,7 +98,9 @@ def test_the_other_recipe_is_judged_with_its_own_features_and_loss(tmp_path: Pat
     assert record.name == "paper_recipe"
     assert (record.recipe.features.target, record.recipe.ensemble.loss) == ("absolute", "mae")
     assert record.recipe.addressing == ADDRESSING
-    assert [each.label for each in baseline_candidates(tmp_path)][1] == "ensemble, the paper's recipe, seed 0"
+    assert [each.label for each in baseline_candidates(tmp_path, untrained_model(WORLD))][
+        1
+    ] == "ensemble, the paper's recipe, seed 0"
 
 
 def test_there_may_be_no_other_recipe(tmp_path: Path) -> None:
@@ -114,7 +117,7 @@ def test_another_recipe_that_does_not_say_what_it_is_is_refused(tmp_path: Path, 
 
 def test_a_candidate_that_is_given_more_frames_than_the_delivered_model_is_refused(tmp_path: Path) -> None:
     folder = save_recipes(tmp_path, untrained_model(WORLD, 3, history=4), {"params": RECIPE})
-    single, other = baseline_candidates(folder)
+    single, other = baseline_candidates(folder, untrained_model(WORLD))
     points = Points.of(WORLD, untrained_model(WORLD, 2).features)
     assert evaluate_candidate(single, points, "mse")["parameters"] == single.parameters
     assert evaluate_candidate(single, points, "mse")["multiply_adds"] == single.multiply_adds is not None
@@ -141,3 +144,54 @@ def test_sampling_draws_other_members_in_the_next_chunk(monkeypatch: pytest.Monk
     monkeypatch.setattr(stacked, "CHUNK_ROWS", 20)
     first, second = predict_all(sampling().predictor, same_point).split(20)
     assert not torch.allclose(first, second)
+
+
+def test_with_one_frame_the_last_change_is_read_from_the_recording_and_is_nothing_in_the_first_step() -> None:
+    points = Points.of(WORLD, untrained_model(WORLD).features)
+    (candidate,) = recorded_change(points.features)
+    assert candidate.model is None
+    assert (candidate.parameters, candidate.multiply_adds) == (0, 0)
+    rows = torch.tensor([7, 40, 3, 0, 41])  # the second episode begins at 40
+    states = WORLD.observation
+    expected = np.stack([2 * states[7] - states[6], states[40], 2 * states[3] - states[2], states[0],
+                         2 * states[41] - states[40]])  # fmt: skip
+    np.testing.assert_allclose(candidate.predictor(points, rows), expected, atol=1e-6)
+
+
+def test_with_frames_the_last_change_is_a_model_and_not_read_from_the_recording() -> None:
+    assert recorded_change(untrained_model(WORLD, history=2).features) == []
+
+
+def test_references_are_candidates_without_a_seed_and_with_their_own_costs(tmp_path: Path) -> None:
+    features = untrained_model(WORLD, history=2).features
+    linear = StackedMLP(1, (features.inputs, features.outputs), "relu")
+    keys = [f"{name}/seed-0" for name in ("persistence", "last_change", "linear", "linear_frame")]
+    for key in keys:
+        save_baseline(tmp_path, key, AddressedDynamics(features, linear, None))
+    (tmp_path / "baselines.json").write_text(json.dumps({"format": 1, "trained": keys, "pair": []}))
+    found = baseline_candidates(tmp_path, untrained_model(WORLD))
+    labels = ["nothing changes", "the last change goes on", "linear least squares",
+              "linear least squares of the last frame"]  # fmt: skip
+    assert [each.label for each in found] == labels
+    assert [(each.parameters, each.multiply_adds) for each in found] == [(0, 0), (0, 0), (22, 20), (12, 10)]
+
+
+@pytest.mark.parametrize(
+    ("widths", "label"),
+    [
+        ((5, 39, 15, 2), "as many parameters as members and addressing together"),
+        ((5, 30, 15, 2), "677 parameters, where members and addressing have 861"),
+    ],
+)
+def test_one_network_as_large_as_the_model_is_called_so_only_if_it_is(
+    tmp_path: Path, widths: tuple[int, ...], label: str
+) -> None:
+    own = untrained_model(WORLD)
+    assert own.addressing is not None
+    assert own.ensemble.parameters_total + own.addressing.parameters_total == 861
+    save_baseline(
+        tmp_path, "total_parameters/seed-0", AddressedDynamics(own.features, StackedMLP(1, widths, "relu"), None)
+    )
+    index = {"format": 1, "trained": ["total_parameters/seed-0"], "pair": []}
+    (tmp_path / "baselines.json").write_text(json.dumps(index))
+    assert [each.label for each in baseline_candidates(tmp_path, own)] == [f"one network, {label}, seed 0"]

@@ -12,12 +12,12 @@ from learning import drive, untrained_model
 from addressed_dynamics.base.errors import EvaluationError
 from addressed_dynamics.episodes.transitions import COLUMNS, Transitions
 from addressed_dynamics.evaluation.transitions.candidates import MEAN, ensemble_candidates, predictor_of
+from addressed_dynamics.evaluation.transitions.hindsight import evaluate_oracle
 from addressed_dynamics.evaluation.transitions.one_step import errors_per_dimension, predict_all, scaled_losses
 from addressed_dynamics.evaluation.transitions.points import Points
 from addressed_dynamics.evaluation.transitions.suite import (
     evaluate_addressing,
     evaluate_candidate,
-    evaluate_oracle,
     evaluate_specialisation,
 )
 from addressed_dynamics.features.transitions.spec import fit_features

@@ -65,5 +65,17 @@ def test_least_squares_that_are_better_in_a_step_alone_are_no_reason_against_a_m
     assert choose(scores) == ("ensemble/argmax", True)
 
 
+def test_the_last_change_and_the_linear_map_of_one_frame_are_references_in_rollouts_too() -> None:
+    scores = {
+        "ensemble/argmax": Score(0.1, 10.0, 16.0),
+        "persistence/seed-0": Score(1.7, 30.0, 0.6),
+        "last_change/seed-0": Score(0.05, 9.0, 20.0),
+        "linear_frame/seed-0": Score(0.2, 9.5, 18.0),
+    }
+    assert choose(scores) == ("last_change/seed-0", False)
+    scores["ensemble/argmax"] = Score(0.1, 9.1, 16.0)
+    assert choose(scores) == ("ensemble/argmax", True)
+
+
 def test_without_references_the_best_is_recommended() -> None:
     assert choose({"a/seed-0": Score(1.0, 1.0, 1.0), "b/seed-0": Score(2.0, 2.0, 2.0)}) == ("b/seed-0", True)

@@ -21,7 +21,7 @@ FRAMES = 40
 OWN = "ensemble/argmax"
 LABELS = {
     "phase_functioned": "PFNN, trained here",
-    "total_parameters": "one network, as many parameters as the members together",
+    "total_parameters": "one network, as many parameters as members and addressing together",
     "ridge": "ridge regression",
     "persistence": "persistence and velocity",
 }

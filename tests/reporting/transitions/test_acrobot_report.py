@@ -170,7 +170,8 @@ def test_specialists_are_held_against_one_network_whichever_way_it_goes(
     others: tuple[float, float], outcome: str
 ) -> None:
     text = said(document((1e-7, 1e-6), others))
-    assert f"Hard addressing of {outcome} of as many parameters that was trained as long: one step ahead" in text
+    size = "as many parameters as members and addressing together"
+    assert f"Hard addressing of {outcome} of {size}, trained as long: one step ahead" in text
 
 
 def test_the_spread_over_seeds_of_both_sides_is_in_the_sentence_and_in_a_table() -> None:
@@ -197,6 +198,20 @@ def test_the_spread_over_seeds_of_both_sides_is_in_the_sentence_and_in_a_table()
         "1.0\u202f×\u202f10⁻⁷ – 3.0\u202f×\u202f10⁻⁷",
         "1.0\u202f×\u202f10⁻⁶ – 3.0\u202f×\u202f10⁻⁶",
     ]
+
+
+def test_one_network_like_a_member_stands_beside_them_in_the_table_and_in_a_sentence() -> None:
+    found = document((1e-7, 1e-6), (3e-7, 1e-5))
+    found["candidates"]["same_size/seed-0"] = candidate(5e-8, 1e-5, SPACES, wall_free=None)
+    seeds = specialists_table(Evaluation.model_validate(found), {})
+    assert isinstance(seeds, Table)
+    assert [row.cells[0] for row in seeds.rows[-2:]] == [
+        "one like a member, seed 0",
+        "one like a member, lowest to highest",
+    ]
+    assert "and one as large as a member, trained for as many updates: every seed of each (2, 1 and 1)" in seeds.caption
+    better = "is only in part (in 6 of 7 errors) better than one network as large as a member, trained as long"
+    assert f"Hard addressing of eight specialists {better}" in said(found)
 
 
 def test_without_one_network_of_the_same_size_there_is_no_such_table() -> None:

@@ -25,7 +25,7 @@ def said(found: Evaluation) -> str:
 
 
 def test_a_model_that_is_better_in_all_beats_one_network_of_the_same_size() -> None:
-    assert "It beats one network of as many parameters as its members together" in said(
+    assert "It beats one network of as many parameters as members and addressing together" in said(
         evaluation((1e-7, 1e-6), (1e-6, 1e-5))
     )
 
@@ -33,22 +33,20 @@ def test_a_model_that_is_better_in_all_beats_one_network_of_the_same_size() -> N
 @pytest.mark.parametrize("others", [(1e-8, 1e-7), (1e-7, 1e-6), (1.05e-7, 1.05e-6)], ids=["worse", "same", "close"])
 def test_a_model_that_is_not_clearly_better_does_not_beat_it(others: tuple[float, float]) -> None:
     text = said(evaluation((1e-7, 1e-6), others))
-    assert "It does not beat one network of as many parameters as its members together" in text
+    assert "It does not beat one network of as many parameters as members and addressing together" in text
     assert "It beats" not in text
 
 
 def test_a_model_that_is_better_in_part_is_said_to_be_better_in_that_part() -> None:
     text = said(evaluation((1e-7, 1e-5), (1e-6, 1e-6)))
-    assert (
-        "It is only in part (one step ahead) better than one network of as many parameters as its members together"
-        in text
-    )
+    size = "as many parameters as members and addressing together"
+    assert f"It is only in part (one step ahead) better than one network of {size}" in text
 
 
 def test_one_seed_that_is_worse_makes_the_difference_unclear() -> None:
     document = evaluation_json((1e-7, 1e-6), (1e-6, 1e-5))
     document["candidates"]["ensemble/argmax/seed-1"] = candidate(1e-5, 1e-4)
-    assert "It does not beat one network of as many parameters as its members together" in said(
+    assert "It does not beat one network of as many parameters as members and addressing together" in said(
         Evaluation.model_validate(document)
     )
 

@@ -121,8 +121,9 @@ class SingleNetwork(Section):
 
 def _is_free(name: str) -> str:
     if name in {
-        "total_parameters", "same_size", "persistence", "linear", "unequal_bins", "random_bins", "pair", "ensemble",
-        "phase_functioned", "learned_blend", "paper_recipe", "default_recipe", "recommended",
+        "total_parameters", "same_size", "persistence", "last_change", "linear", "linear_frame", "unequal_bins",
+        "random_bins", "pair", "ensemble", "phase_functioned", "learned_blend", "paper_recipe", "default_recipe",
+        "recommended",
     }:  # fmt: skip
         message = f"'{name}' has a meaning already; give the network another name"
         raise ValueError(message)
@@ -166,11 +167,12 @@ Trained = Literal[
 class BaselinesParams(Section):
     """What the ensemble is compared with; same data, same number of updates."""
 
-    train: tuple[Trained, ...] = ("total_parameters", "unequal_bins", "random_bins")
-    """`total_parameters`: one network with as many parameters as the members together; `same_size`: one like a member;
-    `unequal_bins`: each sample to its best member; `random_bins`: fixed random bins; `other_recipe`: the ensemble with
-    the paper's recipe, or, if that is the one chosen, with the default; `phase_functioned`: PFNN, with its own features
-    and without augmentation; `learned_blend`: parameters mixed by a gate that is trained with them."""
+    train: tuple[Trained, ...] = ("total_parameters", "same_size", "unequal_bins", "random_bins")
+    """`total_parameters`: one network with as many parameters as the members and a network like `addressing` together;
+    `same_size`: one like a member; `unequal_bins`: each sample to its best member; `random_bins`: fixed random bins;
+    `other_recipe`: the ensemble with the paper's recipe, or, if that is the one chosen, with the default;
+    `phase_functioned`: PFNN, with its own features and without augmentation; `learned_blend`: parameters mixed by a
+    gate that is trained with them."""
     single_networks: dict[BaselineName, SingleNetwork] = Field(default_factory=dict)
     """More single networks, under names of their own; all of them are trained."""
     pair_epochs: Annotated[int, Field(ge=0)] = 0
@@ -181,7 +183,8 @@ class BaselinesParams(Section):
     seeds: Annotated[tuple[Seed, ...], Field(min_length=1)] = (0,)
     """One of each is trained from each seed."""
     addressing: AddressingTraining = AddressingTraining()
-    """The addressing networks of `unequal_bins`, `random_bins` and `other_recipe`, trained on plain argmin targets."""
+    """The addressing networks of `unequal_bins`, `random_bins` and `other_recipe`, trained on plain argmin targets. Its
+    widths should be those of the ensemble's, whose size `total_parameters` then has too."""
 
     @model_validator(mode="after")
     def _says_how_to_blend(self) -> BaselinesParams:

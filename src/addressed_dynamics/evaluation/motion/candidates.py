@@ -10,6 +10,7 @@ import numpy as np
 import torch
 
 from addressed_dynamics.episodes.motion import Motion
+from addressed_dynamics.evaluation.common.sizes import total_size
 from addressed_dynamics.evaluation.motion.baselines import mean_outputs, persistence_plus_velocity
 from addressed_dynamics.evaluation.motion.predictor import MotionPredictor
 from addressed_dynamics.networks.addressing import multiply_adds_a_step
@@ -24,11 +25,10 @@ BASELINE_LABELS = {
     "phase_functioned": "PFNN, trained here",
     "learned_blend": "parameters mixed by a gate (as MANN)",
     "same_size": "one network, as large as a member",
-    "total_parameters": "one network, as many parameters as the members together",
     "paper_recipe": "ensemble, the paper's recipe",
     "default_recipe": "ensemble, the default recipe",
 }
-"""What a reader should see for each baseline."""
+"""What a reader should see for each baseline, but for the one network that is as large as the whole model."""
 SAMPLING_SEED = 0
 """Seed of the members that the mode `sample` draws."""
 
@@ -71,8 +71,12 @@ def ensemble_candidates(models: Mapping[int, MotionModel]) -> list[MotionCandida
     return [_addressed(model, mode, seed) for mode in MODES for seed, model in models.items()]
 
 
-def baseline_candidates(folder: Path) -> list[MotionCandidate]:
+def baseline_candidates(folder: Path, own: int) -> list[MotionCandidate]:
     """Load the baselines that were trained.
+
+    Args:
+        folder: where they are.
+        own: parameters of the ensemble with the network that addresses it, whose size one of them has.
 
     Raises:
         ModelError: a file is missing or damaged.
@@ -81,7 +85,9 @@ def baseline_candidates(folder: Path) -> list[MotionCandidate]:
     for key in read_index(folder, "baselines.json")["trained"]:
         name, seed = key.split("/seed-")
         model = MotionModel.load(folder / key)
-        candidates.append(_trained(name, int(seed), BASELINE_LABELS[name], model))
+        total = name == "total_parameters"
+        label = f"one network, {total_size(model.parameters, own)}" if total else BASELINE_LABELS[name]
+        candidates.append(_trained(name, int(seed), label, model))
     return candidates
 
 

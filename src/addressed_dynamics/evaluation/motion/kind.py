@@ -47,7 +47,7 @@ def evaluate(tables: Path, models: Path, params: MotionEvaluationParams, *, core
     ensembles = load_motion_ensembles(models)
     candidates = [
         *ensemble_candidates(ensembles),
-        *baseline_candidates(models / "baselines"),
+        *baseline_candidates(models / "baselines", next(iter(ensembles.values())).parameters),
         *reference_candidates(data.train, data.validation, Path(params.released) if params.released else None),
     ]
     plan = ClosedLoopPlan(

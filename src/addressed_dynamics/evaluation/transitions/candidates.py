@@ -11,6 +11,7 @@ from torch import Tensor
 
 from addressed_dynamics.base.errors import ModelError
 from addressed_dynamics.base.params.training import AddressingTraining, EnsembleParams
+from addressed_dynamics.evaluation.common.sizes import total_size
 from addressed_dynamics.evaluation.transitions.one_step import Predictor
 from addressed_dynamics.evaluation.transitions.points import Points
 from addressed_dynamics.features.transitions.spec import FeatureSpec
@@ -21,7 +22,14 @@ from addressed_dynamics.simulators.addressed import AddressedDynamics
 from addressed_dynamics.simulators.delivery import parts_in
 from addressed_dynamics.simulators.modes import MODES, Mode
 from addressed_dynamics.training.baselines import OTHER_RECIPE
-from addressed_dynamics.training.references import LINEAR, PERSISTENCE
+from addressed_dynamics.training.references import (
+    LAST_CHANGE,
+    LINEAR,
+    LINEAR_FRAME,
+    PERSISTENCE,
+    UNTRAINED,
+    reference_costs,
+)
 
 MEAN = "ensemble/mean"
 """Name of the candidate that averages the members."""
@@ -80,10 +88,14 @@ def ensemble_candidates(models: dict[int, dict[str, AddressedDynamics]], deliver
     return candidates
 
 
+TOTAL = "total_parameters"
+"""Name of the one network that is as large as the whole model."""
 BASELINE_LABELS = {
     PERSISTENCE: "nothing changes",
+    LAST_CHANGE: "the last change goes on",
     LINEAR: "linear least squares",
-    "total_parameters": "one network, as many parameters as the members together",
+    LINEAR_FRAME: "linear least squares of the last frame",
+    "same_size": "one network, as large as a member",
     "unequal_bins": "ensemble without equal bins",
     "random_bins": "ensemble with random bins",
     "paper_recipe": "ensemble, the paper's recipe",
@@ -98,8 +110,12 @@ def baseline_label(name: str, stack: StackedMLP) -> str:
     return BASELINE_LABELS.get(name, f"one network, {stack.activation} {hidden}" if hidden else "one linear map")
 
 
-def baseline_candidates(folder: Path) -> list[Candidate]:
+def baseline_candidates(folder: Path, own: AddressedDynamics) -> list[Candidate]:
     """Load the baselines that were trained.
+
+    Args:
+        folder: where they are.
+        own: the delivered model, whose size one of them has.
 
     Raises:
         ModelError: a file is missing or damaged.
@@ -109,10 +125,39 @@ def baseline_candidates(folder: Path) -> list[Candidate]:
         name, seed = key.split("/seed-")
         network, model = _load_baseline(folder / key)
         label = baseline_label(name, network.stack)
-        of_seed = "" if name in (PERSISTENCE, LINEAR) else f", seed {seed}"
-        found = _addressed(key, f"{label}{of_seed}", model, "argmax")
-        candidates.append(replace(found, parameters=0, multiply_adds=0) if name == PERSISTENCE else found)
+        if name == TOTAL:
+            label = f"one network, {total_size(network.stack.parameters_total, _size(own))}"
+        if name in UNTRAINED:
+            features = model.features
+            last_frame = None if features.history == 1 else features.frame_inputs
+            parameters, products = reference_costs(name, features.inputs, features.outputs, last_frame)
+            found = _addressed(key, label, model, "argmax")
+            candidates.append(replace(found, parameters=parameters, multiply_adds=products))
+        else:
+            candidates.append(_addressed(key, f"{label}, seed {seed}", model, "argmax"))
     return candidates
+
+
+def recorded_change(features: FeatureSpec) -> list[Candidate]:
+    """Return the reference by which the last change goes on, where a model is given one frame; else nothing.
+
+    One frame does not say how the state changed before, so it is no model, cannot be rolled out, and is read from what
+    was recorded: one step ahead. In the first step of an episode, before which nothing is known, nothing changes.
+    """
+    if features.history > 1:
+        return []
+
+    def predict(points: Points, point: Tensor) -> Tensor:
+        rows = torch.from_numpy(points.rows)[point]
+        states, episode = (
+            torch.from_numpy(each) for each in (points.transitions.observation, points.transitions.episode)
+        )
+        before = (rows - 1).clamp(min=0)
+        known = (before < rows) & (episode[before] == episode[rows])
+        now = states[rows]
+        return torch.where(known.unsqueeze(1), 2 * now - states[before], now)
+
+    return [Candidate(LAST_CHANGE, BASELINE_LABELS[LAST_CHANGE], 0, predict, None, "argmax", 0)]
 
 
 @dataclass(frozen=True)
@@ -196,14 +241,16 @@ def _load_baseline(folder: Path) -> tuple[SavedNetwork[FeatureSpec], AddressedDy
 
 
 def _addressed(name: str, label: str, model: AddressedDynamics, mode: Mode) -> Candidate:
-    addressing = 0 if model.addressing is None else model.addressing.parameters_total
-    parameters = model.ensemble.parameters_total + addressing
-
     # One generator for all chunks of points: seeded for each, it would draw the same members in all of them.
     generator = torch.Generator().manual_seed(SAMPLING_SEED) if mode == "sample" else None
 
     cost = multiply_adds_a_step(model.ensemble, model.addressing, mode)
-    return Candidate(name, label, parameters, predictor_of(model, mode, generator), model, mode, cost)
+    return Candidate(name, label, _size(model), predictor_of(model, mode, generator), model, mode, cost)
+
+
+def _size(model: AddressedDynamics) -> int:
+    """Return the parameters of the members and of the network that addresses them."""
+    return model.ensemble.parameters_total + (0 if model.addressing is None else model.addressing.parameters_total)
 
 
 def predictor_of(model: AddressedDynamics, mode: Mode, generator: torch.Generator | None = None) -> Predictor:

@@ -24,7 +24,10 @@ from addressed_dynamics.evaluation.transitions.candidates import (
     load_ensembles,
     load_other_recipe,
     load_pair,
+    recorded_change,
 )
+from addressed_dynamics.evaluation.transitions.hindsight import evaluate_guesses, evaluate_oracle
+from addressed_dynamics.evaluation.transitions.noise_floor import noise_floor
 from addressed_dynamics.evaluation.transitions.points import Points
 from addressed_dynamics.evaluation.transitions.recommending import recommend
 from addressed_dynamics.evaluation.transitions.records import Evaluation
@@ -34,7 +37,6 @@ from addressed_dynamics.evaluation.transitions.suite import (
     baseline_losses,
     evaluate_addressing,
     evaluate_candidates,
-    evaluate_oracle,
     evaluate_other_recipe,
     evaluate_specialisation,
     figure_arrays,
@@ -67,7 +69,11 @@ def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int
     points = {split: Points.of(load_transitions(tables, split=split), model.features) for split in EVALUATED}
     segments = {each.episode: each.segment for each in read_episodes(tables / "episodes.parquet")}
     truth = true_rollouts(params.rollouts, points["test"].transitions, model.features.history, segments)
-    candidates = [*ensemble_candidates(ensembles, delivered), *baseline_candidates(models / "baselines")]
+    candidates = [
+        *ensemble_candidates(ensembles, delivered),
+        *baseline_candidates(models / "baselines", model),
+        *recorded_change(model.features),
+    ]
     predicted = roll_out(candidates, truth, cores=cores)
     results, rollouts, horizon = evaluate_candidates(
         candidates, points["test"], truth, params.rollouts, loss, predicted
@@ -82,11 +88,16 @@ def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int
             str(seed): {variant: evaluate_addressing(each, points["test"], loss) for variant, each in variants.items()}
             for seed, variants in ensembles.items()
         },
-        "candidates": {"ensemble/oracle": evaluate_oracle(model, points["test"], loss), **results},
+        "candidates": {
+            "ensemble/oracle": evaluate_oracle(model, points["test"], loss),
+            "ensemble/guesses": evaluate_guesses(model, points["test"], loss),
+            **results,
+        },
         "angles": [asdict(angle) for angle in model.features.angles],
         "specialisation": {split: evaluate_specialisation(model, part, loss) for split, part in points.items()},
         "baseline_losses": {split: baseline_losses(candidates, part, loss) for split, part in points.items()},
         "other_recipe": evaluate_other_recipe(other, points) if other else None,
+        "noise_floor": noise_floor(points["train"], points["test"], loss),
     }
     validation = Points.of(load_transitions(tables, split="validation"), model.features)
     found = recommend(candidates, validation, params.rollouts, segments, cores=cores)

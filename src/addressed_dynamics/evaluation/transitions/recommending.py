@@ -10,9 +10,10 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float32, Float64
+from jaxtyping import Float32
 
 from addressed_dynamics.evaluation.transitions.candidates import Candidate
+from addressed_dynamics.evaluation.transitions.horizons import one_step_percent, percent_of_range, steps_until_lost
 from addressed_dynamics.evaluation.transitions.one_step import errors_per_dimension, predict_all
 from addressed_dynamics.evaluation.transitions.points import Points
 from addressed_dynamics.evaluation.transitions.records import NOTHING, REFERENCES
@@ -21,8 +22,6 @@ from addressed_dynamics.evaluation.transitions.truth import TrueRollouts, true_r
 from addressed_dynamics.simulators.delivery import Recommended
 from addressed_dynamics.sources.transitions.params import EnvironmentRollouts, RecordedRollouts
 
-LOST_PERCENT = 10.0
-"""A rollout is lost when its error has grown to this share of the range."""
 SLACK = 1.02
 """An error is no worse than a reference's if it is no more than so many times as large."""
 MOST_ROLLOUTS = 40
@@ -110,21 +109,11 @@ def _score(
     candidate: Candidate, points: Points, predicted: Float32[np.ndarray, "episode step state"], truth: TrueRollouts
 ) -> Score:
     scale = np.array(points.features.scale)
-    means = [each["squared"]["mean"] for each in errors_per_dimension(predict_all(candidate.predictor, points), points)]
-    one_step = _percent(np.array(means[: len(scale)])[None], scale)[0]
+    one_step = one_step_percent(errors_per_dimension(predict_all(candidate.predictor, points), points), scale)
     squared = (finite(predicted) - truth.states[:, 1:]) ** 2
-    whole = _percent(squared.mean(axis=1), scale)
-    course = np.median(_percent(squared, scale), axis=0)
-    lost = np.flatnonzero(course >= LOST_PERCENT)
-    steps = int(lost[0]) + 1 if len(lost) else len(course)
-    return Score(float(one_step), float(np.median(whole)), steps * points.features.spaces.step_seconds)
-
-
-def _percent(
-    squared: Float64[np.ndarray, "*batch state"], scale: Float64[np.ndarray, " state"]
-) -> Float64[np.ndarray, "*batch"]:
-    percent: Float64[np.ndarray, "*batch"] = 100 * np.sqrt((squared / scale**2).mean(axis=-1))
-    return percent
+    whole = percent_of_range(squared.mean(axis=1), scale)
+    steps = steps_until_lost(squared, scale) or truth.steps
+    return Score(one_step, float(np.median(whole)), steps * points.features.spaces.step_seconds)
 
 
 def _recommended(name: str, candidate: Candidate) -> Recommended:

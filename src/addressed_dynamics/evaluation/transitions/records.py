@@ -64,6 +64,8 @@ class OneStepResult(Record):
     scaled: Summary
     dimensions: tuple[DimensionResult, ...]
     """Those of the state, then its angles if it holds any."""
+    percent: float | None = None
+    """Root mean square over the dimensions of the state, in % of the range; None in results of earlier versions."""
 
     def named(self, names: Sequence[str]) -> list[DimensionResult]:
         """Return the dimensions and angles of these names.
@@ -119,6 +121,14 @@ class RolloutGroup(Record):
     """None if it was not asked for, or if there are no episodes."""
 
 
+class Horizon(Record):
+    """How long the median rollout of a candidate keeps its error below 10 % of the range."""
+
+    seconds: float
+    """Until it is lost; the length of the rollouts, if it is not."""
+    lost: bool
+
+
 class RolloutResult(Record):
     """Rollout errors of one candidate."""
 
@@ -126,6 +136,8 @@ class RolloutResult(Record):
     """None if the state has no bounds."""
     groups: dict[str, RolloutGroup]
     """Over `all` episodes first, then over those of each group that is told apart."""
+    horizon: Horizon | None = None
+    """None for a simulation, as in results of earlier versions."""
 
     @model_validator(mode="after")
     def _has_all(self) -> RolloutResult:
@@ -222,9 +234,11 @@ class RolloutSource(Record):
 
 NOTHING = "persistence"
 """The reference by which nothing changes."""
-REFERENCES = (NOTHING, "linear")
+REFERENCES = (NOTHING, "last_change", "linear", "linear_frame")
 """What any model has to beat."""
-_OTHER_BASELINES = (*REFERENCES, "total_parameters", "unequal_bins", "random_bins", "paper_recipe", "default_recipe")
+_OTHER_BASELINES = (
+    *REFERENCES, "total_parameters", "same_size", "unequal_bins", "random_bins", "paper_recipe", "default_recipe",
+)  # fmt: skip
 
 
 class ScoreRecord(Record):
@@ -249,6 +263,23 @@ class Recommendation(Record):
     """Of every candidate that can be loaded."""
 
 
+class NoiseFloor(Record):
+    """What differs between steps that begin alike, by the gamma test: nearest neighbours of test transitions."""
+
+    neighbours: int
+    """Neighbours of each."""
+    transitions: int
+    """Test transitions that were judged."""
+    among: int
+    """Training transitions among which neighbours were looked for."""
+    scaled: float
+    """Mean loss of states scaled to [0, 1], of the dimensions that a network predicts."""
+    percent: float
+    """Root mean square of all dimensions, in % of the range."""
+    absolute: dict[str, float]
+    """Mean absolute value of the noise in each dimension, in its own unit."""
+
+
 class Evaluation(Record):
     """evaluation.json."""
 
@@ -266,6 +297,8 @@ class Evaluation(Record):
     """None if there are no validation episodes to choose by."""
     trust: TrustRecord | None = None
     """None if it was not measured, as in results of earlier versions."""
+    noise_floor: NoiseFloor | None = None
+    """None if there are too few training transitions, as in results of earlier versions."""
 
     @model_validator(mode="after")
     def _has_the_other_recipe(self) -> Evaluation:
@@ -300,7 +333,7 @@ class Evaluation(Record):
 
     @property
     def single_networks(self) -> list[str]:
-        """Names of the single networks of other sizes than the ensemble's, in the order of evaluation."""
+        """Names of the single networks of sizes of their own, in the order of evaluation."""
         names = [name.partition("/seed-")[0] for name in self.candidates if not name.startswith("ensemble/")]
         return [name for name in dict.fromkeys(names) if name not in _OTHER_BASELINES]
 

@@ -14,6 +14,7 @@ from addressed_dynamics.episodes.splits import Split
 from addressed_dynamics.evaluation.common.specialisation import specialisation
 from addressed_dynamics.evaluation.transitions.addressing_table import addressing_table
 from addressed_dynamics.evaluation.transitions.candidates import Candidate, OtherRecipe
+from addressed_dynamics.evaluation.transitions.horizons import one_step_percent, steps_until_lost
 from addressed_dynamics.evaluation.transitions.one_step import (
     errors_per_dimension,
     predict_all,
@@ -21,8 +22,9 @@ from addressed_dynamics.evaluation.transitions.one_step import (
     summarise,
 )
 from addressed_dynamics.evaluation.transitions.points import Points
-from addressed_dynamics.evaluation.transitions.rollouts import evaluate_rollouts, evaluate_simulations
+from addressed_dynamics.evaluation.transitions.rollouts import evaluate_rollouts, evaluate_simulations, finite
 from addressed_dynamics.evaluation.transitions.truth import TrueRollouts
+from addressed_dynamics.features.transitions.spec import FeatureSpec
 from addressed_dynamics.features.transitions.windows import shorter_episodes
 from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.simulators.addressed import AddressedDynamics
@@ -74,11 +76,21 @@ def baseline_losses(candidates: Sequence[Candidate], points: Points, loss: str) 
 
 
 def one_step_errors(predicted: Float[Tensor, "point observation"], points: Points, loss: str) -> dict[str, Any]:
-    """Return the one-step errors of predicted next states: of states scaled to [0, 1], and of each dimension."""
+    """Return the one-step errors of predicted next states: of states scaled to [0, 1], in %, and of each dimension."""
+    dimensions = errors_per_dimension(predicted, points)
     return {
         "scaled": summarise(scaled_losses(predicted, points, loss)),
-        "dimensions": errors_per_dimension(predicted, points),
+        "percent": one_step_percent(dimensions, np.array(points.features.scale)),
+        "dimensions": dimensions,
     }
+
+
+def measure_horizon(
+    predicted: Float32[np.ndarray, "episode step state"], truth: TrueRollouts, features: FeatureSpec
+) -> dict[str, Any]:
+    """Return after how long the median rollout of a candidate is lost, or how long rollouts are if it is not."""
+    steps = steps_until_lost((finite(predicted) - truth.states[:, 1:]) ** 2, np.array(features.scale))
+    return {"seconds": (steps or truth.steps) * features.spaces.step_seconds, "lost": steps is not None}
 
 
 def evaluate_candidate(candidate: Candidate, points: Points, loss: str) -> dict[str, Any]:
@@ -99,17 +111,6 @@ def evaluate_candidate(candidate: Candidate, points: Points, loss: str) -> dict[
         "label": candidate.label,
         "parameters": candidate.parameters,
         "multiply_adds": candidate.multiply_adds,
-        "one_step": errors,
-    }
-
-
-def evaluate_oracle(model: AddressedDynamics, points: Points, loss: str) -> dict[str, Any]:
-    """Return the same for the ensemble with the best member always picked: what addressing could reach."""
-    errors = one_step_errors(_decoded(model, points, points.losses(model, loss).argmin(dim=0)), points, loss)
-    return {
-        "label": "ensemble, best member (oracle)",
-        "parameters": model.ensemble.parameters_total,
-        "multiply_adds": model.ensemble.multiply_adds(),
         "one_step": errors,
     }
 
@@ -142,6 +143,9 @@ def evaluate_candidates(
         if candidate.name in predicted:
             results[candidate.name]["rollouts"], rows = evaluate_rollouts(
                 candidate.name, predicted[candidate.name], truth, points.features.spaces, physics=physics is not None
+            )
+            results[candidate.name]["rollouts"]["horizon"] = measure_horizon(
+                predicted[candidate.name], truth, points.features
             )
             horizon += rows
     names = [dimension.name for dimension in points.features.spaces.exogenous]

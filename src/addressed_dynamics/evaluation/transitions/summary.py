@@ -5,12 +5,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from addressed_dynamics.evaluation.common.summary import log10_of, rounded
+from addressed_dynamics.evaluation.transitions.horizons import LOST_PERCENT
 
 OWN = "ensemble/"
 """First part of the names of our own candidates."""
 DELIVERED = "ensemble/argmax"
-LOST_PERCENT = 10.0
-"""A rollout is lost when its error has grown to this share of the range."""
 DIMENSIONS_SHOWN = 10
 """Dimensions of the state that have a figure of their own."""
 

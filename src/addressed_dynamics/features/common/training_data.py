@@ -55,6 +55,10 @@ class TrainingData(Generic[Features]):
     persistence: tuple[Tensor, Tensor] | None = None
     """Weights (input, output) and biases of the linear map by which nothing changes; None if the kind has references of
     its own."""
+    last_change: tuple[Tensor, Tensor] | None = None
+    """The same of the linear map by which the last change goes on; None if inputs are of one frame."""
+    last_frame: int | None = None
+    """Number of inputs that are of the last frame, the last ones; None if all of them are."""
 
     @property
     def tensors(self) -> tuple[Tensor | Windows, ...]:

@@ -31,4 +31,12 @@ def load_training_data(
     }
     courses = sections.ensemble.horizon > 1
     on_train, on_validation = (spec.samples(part, courses=courses) for part in (train, validation))
-    return TrainingData(spec, on_train, on_validation, dropped=dropped, persistence=spec.persistence)
+    return TrainingData(
+        spec,
+        on_train,
+        on_validation,
+        dropped=dropped,
+        persistence=spec.persistence,
+        last_change=spec.last_change,
+        last_frame=None if spec.history == 1 else spec.frame_inputs,
+    )

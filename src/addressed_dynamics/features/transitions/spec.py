@@ -97,6 +97,11 @@ class FeatureSpec:
         return self.history * len(self.input_mean)
 
     @property
+    def frame_inputs(self) -> int:
+        """Number of inputs that are of one frame."""
+        return len(self.input_mean)
+
+    @property
     def outputs(self) -> int:
         """Number of outputs of a network."""
         return len(self.target_mean)
@@ -264,6 +269,23 @@ class FeatureSpec:
                 weight[last + dimension, output] = self.input_deviation[dimension] / self.scale[dimension] / size
                 bias[output] += self.input_mean[dimension] / self.scale[dimension]
         return weight / self.target_deviation, bias / self.target_deviation
+
+    @property
+    def last_change(self) -> tuple[Float[Tensor, "input output"], Float[Tensor, " output"]] | None:
+        """Weights and biases of the linear map by which the state changes as it did in the step before.
+
+        None with one frame, which does not say how it changed.
+        """
+        if self.history == 1:
+            return None
+        weight, bias = self.persistence
+        last = self.inputs - self.frame_inputs
+        before, sizes = last - self.frame_inputs, self._frame_weights.flatten().tolist()
+        for output, dimension in enumerate(self.predicted):
+            unit = self.input_deviation[dimension] / self.scale[dimension] / self.target_deviation
+            weight[last + dimension, output] += unit / sizes[-1]
+            weight[before + dimension, output] -= unit / sizes[-2]
+        return weight, bias
 
     def loss_unit(self, loss: Literal["mse", "mae"]) -> float:
         """Return what one unit of a network's training loss is as a loss of states scaled to [0, 1]."""

@@ -12,7 +12,7 @@ OWN = "addressed ensemble"
 MODELS = {
     "phase_functioned": ("PFNN, trained here", "#d55e00"),
     "released": ("PFNN, as published", "#0072b2"),
-    "total_parameters": ("one network, as large as all members", "#009e73"),
+    "total_parameters": ("one large network", "#009e73"),
     "learned_blend": ("parameters mixed by a gate", "#cc79a7"),
     "same_size": ("one network, as large as a member", "#56b4e9"),
     "paper_recipe": ("ensemble, the paper's recipe", "#7b3294"),
@@ -27,7 +27,7 @@ MAIN = ("phase_functioned", "released", "total_parameters", "learned_blend")
 UNTRAINED = ("mean", "persistence", "ridge")
 """References that need no training by epochs."""
 CLOSEST = "total_parameters"
-"""What tells whether several networks are of use: one of as many parameters as its members together."""
+"""What tells whether several networks are of use: one of as many parameters as members and addressing together."""
 
 
 def model_style(group: str) -> tuple[str, str]:

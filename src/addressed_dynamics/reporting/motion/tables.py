@@ -185,5 +185,5 @@ def _paper_row(title: str, error: float, splits: Sequence[str]) -> Row:
 
 def _short(group: str) -> str:
     title = model_style(group)[0]
-    short = {OWN: "ensemble", "PFNN, trained here": "PFNN", "one network, as large as all members": "one network"}
+    short = {OWN: "ensemble", "PFNN, trained here": "PFNN", "one large network": "one network"}
     return short.get(title, {"parameters mixed by a gate": "gate"}.get(title, title))

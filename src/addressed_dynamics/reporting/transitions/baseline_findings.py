@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from statistics import median
 
+from addressed_dynamics.evaluation.common.sizes import total_size
 from addressed_dynamics.evaluation.transitions.records import CandidateResult, Evaluation
 from addressed_dynamics.reporting.common.comparison import Comparison
 from addressed_dynamics.reporting.common.figures.style import model_style
@@ -23,7 +24,10 @@ def baseline_findings(evaluation: Evaluation, paper: PaperFigures | None) -> lis
     """
     sentences = []
     if single := evaluation.baseline("total_parameters"):
-        sentences.append(_specialists(evaluation, single))
+        size = total_size(single[0].parameters, evaluation.own.parameters)
+        sentences.append(_specialists(evaluation, single, f"one network of {size}, trained as long"))
+    if member := evaluation.baseline("same_size"):
+        sentences.append(_specialists(evaluation, member, "one network as large as a member, trained as long"))
     sentences += _single_networks(evaluation, paper)
     for name, title in {"unequal_bins": "without equal bins", "random_bins": "with fixed random bins"}.items():
         if other := evaluation.baseline(name):
@@ -33,13 +37,12 @@ def baseline_findings(evaluation: Evaluation, paper: PaperFigures | None) -> lis
     return sentences
 
 
-def _specialists(evaluation: Evaluation, single: Sequence[CandidateResult]) -> str:
+def _specialists(evaluation: Evaluation, single: Sequence[CandidateResult], title: str) -> str:
     comparisons = compare(evaluation.own_seeds, single)
     members = len(evaluation.table.members)
     subject = f"Hard addressing of {in_words(members)} specialists" if members > 1 else "The one subnetwork"
     return (
-        f"{subject} {beats(comparisons)} one network of as many parameters that was trained as long: "
-        f"{spread_over_seeds(comparisons[0])}{_in_rollouts(comparisons[1:])}."
+        f"{subject} {beats(comparisons)} {title}: {spread_over_seeds(comparisons[0])}{_in_rollouts(comparisons[1:])}."
     )
 
 

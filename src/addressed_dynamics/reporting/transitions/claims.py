@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from statistics import mean
 
+from addressed_dynamics.evaluation.common.sizes import total_size
 from addressed_dynamics.evaluation.transitions.records import CandidateResult, DimensionResult, Evaluation
 from addressed_dynamics.reporting.common.blocks import Column, Row, Table
 from addressed_dynamics.reporting.common.candidates import (
@@ -15,7 +16,7 @@ from addressed_dynamics.reporting.common.candidates import (
     costless_row,
     effort_of,
 )
-from addressed_dynamics.reporting.common.numbers import MISSING, power_of_ten, scientific
+from addressed_dynamics.reporting.common.numbers import MISSING, listed, power_of_ten, scientific
 from addressed_dynamics.reporting.transitions.paper import AngleFigures
 
 
@@ -61,13 +62,16 @@ def _error_row(title: str, found: list[DimensionResult], stated: str, kind: str)
 
 
 def specialists_table(evaluation: Evaluation, efforts: Mapping[str, Effort]) -> Table | None:
-    """Return the errors of hard addressing and of one network of as many parameters, from every seed; None without it.
+    """Return the errors of hard addressing and of one network as large as all of it, or as a member, from every seed.
+
+    None without the former.
 
     The spread over the seeds of each follows in the last two rows. `efforts`: as `tables.one_step_table` has them.
     """
     single = evaluation.baseline("total_parameters")
     if not single or len(evaluation.table.members) < 2:
         return None
+    member = evaluation.baseline("same_size")
     names = list(evaluation.own.rollouts.all.mse) if evaluation.own.rollouts else []
     columns = candidate_columns(
         Column("mean", f"one step, {evaluation.loss.upper()} of scaled states"),
@@ -79,17 +83,22 @@ def specialists_table(evaluation: Evaluation, efforts: Mapping[str, Effort]) -> 
     for title, name, group, seeds, kind in (
         (specialists, "ensemble", evaluation.own_seeds, list(evaluation.seeds), "own"),
         ("one network", "total_parameters", single, evaluation.seeds_of("total_parameters"), "reference"),
+        ("one like a member", "same_size", member, evaluation.seeds_of("same_size"), "reference"),
     ):
+        if not group:
+            continue
         errors = [_errors(each, names) for each in group]
         for seed, candidate, row in zip(seeds, group, errors, strict=True):
             effort = effort_of(efforts, f"{name}/seed-{seed}")
             rows.append(candidate_row(candidate, effort, map(scientific, row), "", title=f"{title}, seed {seed}"))
         spreads = [_spread([row[place] for row in errors]) for place in range(len(errors[0]))]
         rows.append(costless_row(f"{title}, lowest to highest", spreads, kind))
+    seeds = [str(len(group)) for group in (evaluation.own_seeds, single, member) if group]
     caption = (
-        f"Hard addressing of {specialists} beside one network of as many parameters as these have together, that was "
-        f"trained for as many updates: every seed of both ({len(evaluation.own_seeds)} and {len(single)}), on the same "
-        f"held-out episodes. {COSTS}."
+        f"Hard addressing of {specialists} beside one network of "
+        f"{total_size(single[0].parameters, evaluation.own.parameters)}"
+        f"{', and one as large as a member' * bool(member)}, trained for as many updates: every seed of each "
+        f"({listed(seeds)}), on the same held-out episodes. {COSTS}."
     )
     return Table(caption, columns, tuple(rows))
 

@@ -17,6 +17,7 @@ from addressed_dynamics.reporting.transitions.animation.rollouts import animatio
 from addressed_dynamics.reporting.transitions.claims import claims_table, specialists_table
 from addressed_dynamics.reporting.transitions.figures import comparison, episodes, members, physics
 from addressed_dynamics.reporting.transitions.figures.angles import angle_forms
+from addressed_dynamics.reporting.transitions.overview import overview_table
 from addressed_dynamics.reporting.transitions.paper import PaperFigures
 from addressed_dynamics.reporting.transitions.quality import quality_blocks, warning_paragraphs
 from addressed_dynamics.reporting.transitions.recipes import recipes_table
@@ -41,6 +42,7 @@ def account(results: TransitionResults, origin: Origin[FeatureSpec], paper: Pape
     held_against = " and held against the paper" if paper else ""
     found = (
         Section("Data quality", quality_blocks(results.data)),
+        Section("Candidates", (every,) if (every := overview_table(evaluation, _efforts(results, origin))) else ()),
         Section("Table 1" if paper and paper.networks else "Subnetworks", _table_blocks(results, paper)),
         Section("Addressing", _addressing_blocks(results, origin)),
         Section("Specialisation", _specialisation_blocks(results, paper)),

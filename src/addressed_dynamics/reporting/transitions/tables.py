@@ -4,9 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from addressed_dynamics.evaluation.transitions.records import AddressingResult, Evaluation, MemberResult
+from addressed_dynamics.evaluation.transitions.records import AddressingResult, Evaluation, MemberResult, NoiseFloor
 from addressed_dynamics.reporting.common.blocks import Column, Row, Table
-from addressed_dynamics.reporting.common.candidates import COSTS, Effort, candidate_columns, candidate_row, effort_of
+from addressed_dynamics.reporting.common.candidates import (
+    COSTS,
+    Effort,
+    candidate_columns,
+    candidate_row,
+    costless_row,
+    effort_of,
+)
 from addressed_dynamics.reporting.common.numbers import (
     MISSING,
     as_printed,
@@ -20,6 +27,15 @@ from addressed_dynamics.reporting.common.numbers import (
 from addressed_dynamics.reporting.transitions.paper import PaperFigures
 from addressed_dynamics.reporting.transitions.recorded import DataResult
 from addressed_dynamics.reporting.transitions.rollout_tables import dropped_words, median_mse, row_kind
+
+HINDSIGHT = (
+    "Hindsight picks the best of several guesses with knowledge of the truth: what it makes of the members bounds what "
+    "addressing can reach, and says something of them only beside what it makes of as many random guesses with the "
+    "members' mean and spread in every transition."
+)
+"""What a caption says of the lines of hindsight."""
+NOISE_FLOOR = "noise floor of the data (nearest neighbours)"
+"""What a reader should see for it."""
 
 
 def exogenous_table(data: DataResult) -> Table:
@@ -168,10 +184,17 @@ def one_step_table(evaluation: Evaluation, efforts: Mapping[str, Effort], paper:
         errors = [scaled.mean, scaled.median, scaled.p99, scaled.max]
         errors += [each.absolute.mean for each in candidate.one_step.dimensions]
         rows.append(candidate_row(candidate, effort_of(efforts, name), map(scientific, errors), row_kind(name)))
+    if floor := evaluation.noise_floor:
+        known = [
+            scientific(floor.absolute[each.name]) if each.name in floor.absolute else MISSING for each in dimensions
+        ]
+        rows.append(costless_row(NOISE_FLOOR, [scientific(floor.scaled), *[MISSING] * 3, *known], "reference"))
     caption = (
-        f"One step ahead, all candidates on the same {evaluation.test.transitions:,} held-out transitions. The first "
-        f"line picks the best network with knowledge of the truth, so it bounds what addressing can reach. {COSTS}."
+        f"One step ahead, all candidates on the same {evaluation.test.transitions:,} held-out transitions. "
+        f"{HINDSIGHT} {COSTS}."
     )
+    if evaluation.noise_floor:
+        caption += f" {noise_words(evaluation.noise_floor)}"
     if evaluation.test.dropped.episodes:
         caption += f" Left out: {dropped_words(evaluation.test.dropped)} for the history that networks are given."
     if paper and paper.wide_network_fails and (wide := evaluation.baseline("wide")):
@@ -180,6 +203,16 @@ def one_step_table(evaluation: Evaluation, efforts: Mapping[str, Effort], paper:
             f"dynamics; here it is '{wide[0].label}'."
         )
     return Table(caption, columns, tuple(rows))
+
+
+def noise_words(floor: NoiseFloor) -> str:
+    """Say how the noise floor was found."""
+    return (
+        f"The noise floor is what differs between steps that begin alike: {floor.transitions:,} of these transitions, "
+        f"each beside its {floor.neighbours} nearest among {floor.among:,} training transitions, as their distance "
+        "goes to zero (the gamma test). It is an estimate and no bound: where the data are thin, or the world jumps, "
+        "as at a wall, that is no noise, and a model may be below it."
+    )
 
 
 def seed_table(evaluation: Evaluation, delivered: Mapping[str, str]) -> Table:

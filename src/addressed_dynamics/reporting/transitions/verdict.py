@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from statistics import mean
 
+from addressed_dynamics.evaluation.common.sizes import total_size
 from addressed_dynamics.evaluation.transitions.records import (
     REFERENCES,
     AddressingResult,
@@ -41,8 +42,8 @@ def verdict(evaluation: Evaluation, targets: Sequence[Target], paper: PaperFigur
         subject = "It" if targets else "The model"
         relation = beats(compare(evaluation.own_seeds, single))
         sentences.append(
-            f"{subject} {relation} one network of as many parameters as its members together, trained for as many "
-            "updates."
+            f"{subject} {relation} one network of {total_size(single[0].parameters, evaluation.own.parameters)}, "
+            "trained for as many updates."
         )
     return " ".join(sentences) or "There is nothing to hold the model against."
 
@@ -135,7 +136,17 @@ def _one_step(evaluation: Evaluation) -> str:
     best = oracle.one_step.scaled.mean
     ratio = scaled.mean / best
     cost = f", {times(ratio)} lower" if ratio >= MARGIN else ", about the same"
-    return f"{text}; with the best subnetwork always picked the mean would be {scientific(best)}{cost}."
+    members = len(evaluation.table.members)
+    text += (
+        f"; in hindsight, with the best of the {in_words(members)} subnetworks picked for every transition, the mean "
+    )
+    guesses = evaluation.candidates.get("ensemble/guesses")
+    beside = (
+        f", and with the best of as many random guesses of the same spread {scientific(guesses.one_step.scaled.mean)}"
+        if guesses and members > 1
+        else ""
+    )
+    return f"{text}would be {scientific(best)}{cost}{beside}."
 
 
 def _specialisation(table: AddressingResult) -> str:

@@ -26,12 +26,15 @@ MEMBERS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#8
 """One colour for each member; the palette of Okabe and Ito, which colour-blind readers can tell apart."""
 MODELS = {
     "ensemble/argmax": ("addressed ensemble", INK),
-    "total_parameters": ("one network, as large as all members", "#009e73"),
+    "total_parameters": ("one large network", "#009e73"),
+    "same_size": ("one network, as large as a member", "#66a61e"),
     "wide": ("one wide network", "#cc79a7"),
     "unequal_bins": ("without equal bins", "#56b4e9"),
     "random_bins": ("random bins", "#e69f00"),
     "persistence": ("nothing changes", "#bbbbbb"),
+    "last_change": ("the last change goes on", "#d9b8a0"),
     "linear": ("linear least squares", "#8a7a00"),
+    "linear_frame": ("linear, last frame", "#c2b95a"),
     "paper_recipe": ("the paper's recipe", "#7b3294"),
     "default_recipe": ("the default recipe", "#7b3294"),
 }

@@ -73,7 +73,8 @@ def candidates(evaluation: Evaluation, dimensions: Sequence[Dimension]) -> Figur
 def _short(name: str, candidate: CandidateResult) -> str:
     if not name.startswith("ensemble/"):
         title = model_style(name)[0]
-        return title if name.endswith("seed-0") else f"{title}, seed {name.rpartition('-')[2]}"
+        seed = name.partition("/seed-")[2]
+        return f"{title}, seed {seed}" if seed not in {"", "0"} else title
     return candidate.label.removeprefix("ensemble, ").replace(" addressing", "")
 
 
