@@ -19,7 +19,7 @@ from addressed_dynamics.evaluation.transitions.candidates import (
     load_pair,
 )
 from addressed_dynamics.evaluation.transitions.points import Points
-from addressed_dynamics.evaluation.transitions.recommending import recommend
+from addressed_dynamics.evaluation.transitions.recommending import deliver, recommend
 from addressed_dynamics.evaluation.transitions.records import Evaluation
 from addressed_dynamics.evaluation.transitions.rollouts import roll_out
 from addressed_dynamics.evaluation.transitions.suite import (
@@ -37,7 +37,7 @@ from addressed_dynamics.evaluation.transitions.summary import summarise
 from addressed_dynamics.evaluation.transitions.truth import true_rollouts
 from addressed_dynamics.features.transitions.spec import FeatureSpec
 from addressed_dynamics.networks.files import load_network
-from addressed_dynamics.simulators.delivery import Delivered
+from addressed_dynamics.simulators.delivery import ENSEMBLE, Choice
 from addressed_dynamics.sources.transitions.params import EvaluationParams
 from addressed_dynamics.training.ensemble import untrained_ensemble
 from addressed_dynamics.training.losses import reported_loss
@@ -81,6 +81,8 @@ def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int
     validation = Points.of(load_transitions(tables, split="validation"), model.features)
     found = recommend(candidates, validation, params.rollouts, segments, cores=cores)
     report["recommendation"] = None if found is None else found[0]
+    chosen, name = deliver(params.deliver, Choice(ENSEMBLE, first, delivered[first], "argmax"), found)
+    report["choice"] = {"candidate": name, "why": chosen.why}
     untrained = untrained_ensemble(model.features.inputs, model.features.outputs, recipe, seed=first)
     arrays = figure_arrays(model, untrained, points["test"], truth, predicted["ensemble/argmax"], loss)
     if pair := load_pair(models / "baselines"):
@@ -88,7 +90,6 @@ def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int
         two = recipe.model_copy(update={"members": network.members})
         start = untrained_ensemble(model.features.inputs, model.features.outputs, two, seed=seed)
         arrays |= pair_arrays(network, start, points["test"], loss)
-    chosen = Delivered(first, delivered[first], "argmax", None if found is None else found[1])
     features = model.features
     scale = dict(zip((each.name for each in features.spaces.observation), features.scale, strict=True))
     summary = summarise(report, horizon, scale, features.spaces.step_seconds)

@@ -10,6 +10,7 @@ from pydantic import model_validator
 from addressed_dynamics.base.errors import ReportError
 from addressed_dynamics.base.params.training import AddressingTraining, EnsembleParams
 from addressed_dynamics.evaluation.common.records import BaselineLosses, Dropped, Record, Specialisations
+from addressed_dynamics.simulators.delivery import Why
 from addressed_dynamics.sources.transitions.params import FeatureParams
 
 
@@ -186,11 +187,19 @@ class OtherRecipe(Record):
     """By its own loss, which may be another than that of the delivered model."""
 
 
-class Delivered(Record):
-    """Which model is the one that is delivered."""
+class Addressed(Record):
+    """Which of the addressed ensembles stands for all of them."""
 
     seed: int
     variant: str
+
+
+class Choice(Record):
+    """Which model is delivered."""
+
+    candidate: str
+    """A key of `candidates`."""
+    why: Why
 
 
 class HeldOut(Record):
@@ -219,6 +228,8 @@ class RolloutSource(Record):
     """Names of the exogenous inputs, whose recorded values are replayed."""
 
 
+ADDRESSED = "ensemble/argmax"
+"""The ensemble that stands for all, with the paper's addressing."""
 NOTHING = "persistence"
 """The reference by which nothing changes."""
 REFERENCES = (NOTHING, "linear")
@@ -235,7 +246,7 @@ class ScoreRecord(Record):
 
 
 class Recommendation(Record):
-    """Which model to load."""
+    """Which model is the best on validation episodes."""
 
     candidate: str
     """A key of `candidates`."""
@@ -254,7 +265,8 @@ class Evaluation(Record):
     loss: str
     test: HeldOut
     rollouts: RolloutSource
-    delivered: Delivered
+    delivered: Addressed
+    """The addressed ensemble that the report is about."""
     seeds: dict[str, dict[str, AddressingResult]]
     candidates: dict[str, CandidateResult]
     specialisation: Specialisations
@@ -263,6 +275,8 @@ class Evaluation(Record):
     """None if it was not trained."""
     recommendation: Recommendation | None = None
     """None if there are no validation episodes to choose by."""
+    choice: Choice = Choice(candidate=ADDRESSED, why="asked")
+    """Earlier versions delivered nothing but the addressed ensemble."""
 
     @model_validator(mode="after")
     def _has_the_other_recipe(self) -> Evaluation:
@@ -271,19 +285,31 @@ class Evaluation(Record):
             raise ValueError(message)
         return self
 
+    @model_validator(mode="after")
+    def _has_what_is_delivered(self) -> Evaluation:
+        if self.choice.candidate not in self.candidates:
+            message = f"'{self.choice.candidate}' is delivered, but was not measured"
+            raise ValueError(message)
+        return self
+
     @property
     def table(self) -> AddressingResult:
-        """Table 1 of the delivered model."""
+        """Table 1 of the addressed ensemble."""
         return self.seeds[str(self.delivered.seed)][self.delivered.variant]
 
     @property
     def own(self) -> CandidateResult:
-        """The delivered model with the paper's addressing."""
-        return self.candidates["ensemble/argmax"]
+        """The addressed ensemble with the paper's addressing."""
+        return self.candidates[ADDRESSED]
+
+    @property
+    def chosen(self) -> CandidateResult:
+        """The delivered model."""
+        return self.candidates[self.choice.candidate]
 
     @property
     def own_seeds(self) -> list[CandidateResult]:
-        """The delivered model and those of the other seeds."""
+        """The addressed ensemble and those of the other seeds."""
         return [self.own, *self._named("ensemble/argmax/seed-")]
 
     def baseline(self, name: str) -> list[CandidateResult]:

@@ -134,7 +134,7 @@ def _physics_table(
 
 
 def lost_sentence(evaluation: Evaluation, physics: RolloutPhysics) -> str:
-    """Say when the delivered model loses the truth, beside two true simulations; empty if it was not measured."""
+    """Say when the addressed ensemble loses the truth, beside two true simulations; empty if it was not measured."""
     end = evaluation.rollouts.steps * physics.step_seconds
     own = evaluation.own.rollouts.all.physics if evaluation.own.rollouts else None
     twin = physics.simulations[TWIN].all.physics
