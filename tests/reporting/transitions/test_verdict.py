@@ -98,6 +98,17 @@ def test_a_model_that_nobody_could_choose_is_said_to_be_none() -> None:
     assert text.startswith("Delivered is the addressed ensemble, for there are no validation episodes to choose by. ")
 
 
+def test_rollouts_of_the_delivered_model_that_fly_off_are_said() -> None:
+    document = evaluation_json((1e-7, 1e-6), (1e-6, 1e-5))
+    document["candidates"]["ensemble/argmax"] |= {"label": "ensemble, argmax addressing"}
+    document["candidates"]["ensemble/argmax"]["rollouts"]["flown_off_share"] = 0.25
+    text = said(Evaluation.model_validate(document))
+    assert (
+        "Of the rollouts of the ensemble, argmax addressing, which is delivered, 25.0\u202f% fly off: a state" in text
+    )
+    assert "fly off" not in said(evaluation((1e-7, 1e-6), (1e-6, 1e-5)))
+
+
 @given(errors, errors)
 def test_a_relation_turned_round_is_its_opposite(own: list[float], other: list[float]) -> None:
     opposite = {"better": "worse", "worse": "better", "unclear": "unclear"}

@@ -21,7 +21,7 @@ from addressed_dynamics.evaluation.transitions.candidates import (
 from addressed_dynamics.evaluation.transitions.points import Points
 from addressed_dynamics.evaluation.transitions.recommending import deliver, recommend
 from addressed_dynamics.evaluation.transitions.records import Evaluation
-from addressed_dynamics.evaluation.transitions.rollouts import roll_out
+from addressed_dynamics.evaluation.transitions.rollouts import roll_out, seen_range
 from addressed_dynamics.evaluation.transitions.suite import (
     baseline_losses,
     evaluate_addressing,
@@ -60,7 +60,7 @@ def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int
     candidates = [*ensemble_candidates(ensembles, delivered), *baseline_candidates(models / "baselines")]
     predicted = roll_out(candidates, truth, cores=cores)
     results, rollouts, horizon = evaluate_candidates(
-        candidates, points["test"], truth, params.rollouts, loss, predicted
+        candidates, points["test"], truth, params.rollouts, loss, predicted, seen_range(points["train"].transitions)
     )
     other = load_other_recipe(models / "baselines", candidates)
     report = {

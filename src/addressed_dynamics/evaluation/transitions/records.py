@@ -124,6 +124,9 @@ class RolloutResult(Record):
 
     left_bounds_share: float | None
     """None if the state has no bounds."""
+    flown_off_share: float | None = None
+    """Share of the rollouts that fly off: far outside of all that was trained on, or no numbers; None if that was not
+    counted, as of true simulations and in results of earlier versions."""
     groups: dict[str, RolloutGroup]
     """Over `all` episodes first, then over those of each group that is told apart."""
 

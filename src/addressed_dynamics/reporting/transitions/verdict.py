@@ -12,6 +12,7 @@ from addressed_dynamics.evaluation.transitions.records import (
     Evaluation,
     Recommendation,
 )
+from addressed_dynamics.evaluation.transitions.rollouts import FLOWN_WIDTHS
 from addressed_dynamics.reporting.common.comparison import MARGIN
 from addressed_dynamics.reporting.common.figures.style import model_style
 from addressed_dynamics.reporting.common.numbers import (
@@ -124,6 +125,7 @@ def findings(evaluation: Evaluation, paper: PaperFigures | None) -> tuple[str, .
         )
     if evaluation.own.rollouts is not None:
         sentences.append(_rollouts(evaluation))
+    sentences += _flown_off(evaluation)
     sentences += baseline_findings(evaluation, paper)
     if len(own) > 1:
         means = [candidate.one_step.scaled.mean for candidate in own]
@@ -220,6 +222,18 @@ def _rollouts(evaluation: Evaluation) -> str:
     physics = evaluation.rollouts.physics
     lost = f" {lost_sentence(evaluation, physics)}" if physics else ""
     return f"In {number}{which} the median MSE is {listed(parts)}{_leaving(rollouts.left_bounds_share)}.{lost}"
+
+
+def _flown_off(evaluation: Evaluation) -> list[str]:
+    """Say how many rollouts of the delivered model fly off, if any does."""
+    chosen = evaluation.chosen
+    if chosen.rollouts is None or not chosen.rollouts.flown_off_share:
+        return []
+    share = percent(chosen.rollouts.flown_off_share)
+    return [
+        f"Of the rollouts of {_named(chosen.label)}, which is delivered, {share} fly off: a state gets outside of the "
+        f"range of the training data by more than {FLOWN_WIDTHS:g} times its width, or is no number any more."
+    ]
 
 
 def _leaving(share: float | None) -> str:
