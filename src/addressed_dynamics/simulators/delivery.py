@@ -40,8 +40,8 @@ class Choice:
     """The seed that it was trained from."""
     variant: str | None
     """Its addressing network; None for a baseline, or for the one that training chose."""
-    mode: str
-    """How the outputs of the addressing network are used."""
+    mode: str | None
+    """How the outputs of the addressing network are used; None for the way in which it was saved."""
 
 
 @dataclass(frozen=True)
@@ -52,8 +52,8 @@ class Delivered:
     """The seed that it was trained from."""
     variant: str | None
     """Its addressing network; None for a baseline, or for the one that training chose."""
-    mode: str
-    """How the outputs of the addressing network are used."""
+    mode: str | None
+    """How the outputs of the addressing network are used; None for the way in which it was saved."""
     recommended: Choice | None = None
     """Which model held longest on validation episodes; None if that was not measured."""
     candidate: str = ENSEMBLE
@@ -129,7 +129,7 @@ def read_delivered(folder: Path) -> Delivered:
         return Delivered(
             int(read["seed"]),
             None if variant is None else str(variant),
-            str(read["mode"]),
+            None if read["mode"] is None else str(read["mode"]),
             recommended,
             str(read.get("candidate", ENSEMBLE)),
             ensemble,
