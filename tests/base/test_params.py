@@ -82,6 +82,26 @@ def test_a_shift_stands_under_its_name_and_is_as_long_as_a_history(tmp_path: Pat
         read(tmp_path, section)
 
 
+@pytest.mark.parametrize(
+    ("paper", "evaluation", "delivered"),
+    [
+        (None, {}, "best"),
+        ("mountaincar", {}, "addressed"),
+        ("mountaincar", {"rollouts": RECORDED}, "addressed"),
+        ("mountaincar", {"deliver": "best"}, "best"),
+        (None, {"deliver": "addressed"}, "addressed"),
+    ],
+)
+def test_the_addressed_ensemble_is_delivered_by_itself_where_there_is_a_paper_alone(
+    tmp_path: Path, paper: str | None, evaluation: dict[str, Any], delivered: str
+) -> None:
+    section = {"title": "Car", "record": RECORD, "paper": paper, "evaluation": evaluation}
+    assert read(tmp_path, section).evaluation.deliver == delivered
+    if not evaluation:
+        del section["evaluation"]
+        assert read(tmp_path, section).evaluation.deliver == delivered
+
+
 def test_another_recipe_changes_some_keys_of_some_sections(tmp_path: Path) -> None:
     changes = {"ensemble": {"loss": "mae", "optimiser": OPTIMISER}, "features": {"target": "absolute"}}
     section = changed("paper_recipe", changes)

@@ -13,7 +13,7 @@ from addressed_dynamics.episodes.transitions import DiscreteAction, Transitions
 from addressed_dynamics.networks.files import SavedNetwork, save_network
 from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.simulators.addressed import AddressedDynamics
-from addressed_dynamics.simulators.delivery import Delivered, Recommended, write_delivered
+from addressed_dynamics.simulators.delivery import Choice, Delivered, read_delivered, write_delivered
 from addressed_dynamics.simulators.modes import MODES, Mode
 
 WORLDS = {"car": drive((30, 20)), "arm": swing()}
@@ -263,16 +263,44 @@ def test_what_is_recommended_is_loaded_by_that_name(folder: Path, tmp_path: Path
     copy = shutil.copytree(folder, tmp_path / "car")
     with pytest.raises(ModelError, match=r"it recommends no model; 'dvc repro evaluate@car' does"):
         AddressedDynamics.load(copy, candidate="recommended")
-    write_delivered(copy, Delivered(4, "plain", "argmax", Recommended("relu_512", 5, None, "argmax")))
+    write_delivered(copy, Delivered(4, "plain", "argmax", Choice("relu_512", 5, None, "argmax")))
     single = AddressedDynamics.load(copy, candidate="recommended")
     assert (single.ensemble.members, str(single.origin)) == (1, "candidate relu_512, seed 5")
     assert is_of(AddressedDynamics.load(copy), 4, "plain")
-    write_delivered(copy, Delivered(4, "plain", "argmax", Recommended("ensemble", 2, "cost_sensitive", "mixture")))
+    write_delivered(copy, Delivered(4, "plain", "argmax", Choice("ensemble", 2, "cost_sensitive", "mixture")))
     model = AddressedDynamics.load(copy, candidate="recommended")
     assert is_of(model, 2, "cost_sensitive")
     assert model.mode == "mixture"
     with pytest.raises(ModelError, match="what is recommended has a seed and a variant of its own"):
         AddressedDynamics.load(copy, candidate="recommended", seed=2)
+
+
+def test_what_is_delivered_may_be_a_baseline_beside_which_the_ensemble_keeps_its_place(
+    folder: Path, tmp_path: Path
+) -> None:
+    copy = shutil.copytree(folder, tmp_path / "car")
+    best = Choice("relu_512", 5, None, "argmax")
+    delivered = Delivered(
+        5, None, "argmax", best, "relu_512", Choice("ensemble", 2, "cost_sensitive", "argmax"), "best",
+        {"relu_512/seed-5": {"one_step_percent": 1.0}, "ensemble/argmax": {"one_step_percent": 2.0}},
+    )  # fmt: skip
+    write_delivered(copy, delivered)
+    assert read_delivered(copy) == delivered
+    assert str(AddressedDynamics.load(copy).origin) == "candidate relu_512, seed 5"
+    assert str(AddressedDynamics.load(copy, candidate="recommended").origin) == "candidate relu_512, seed 5"
+    assert is_of(AddressedDynamics.load(copy, candidate="ensemble"), 2, "cost_sensitive")
+    assert is_of(AddressedDynamics.load(copy, variant="plain"), 2, "plain")
+    assert is_of(AddressedDynamics.load(copy, seed=4), 4, "cost_sensitive")
+
+
+def test_what_an_earlier_version_delivered_is_an_ensemble(folder: Path, tmp_path: Path) -> None:
+    copy = shutil.copytree(folder, tmp_path / "car")
+    recommended = {"candidate": "relu_512", "seed": 5, "variant": None, "mode": "argmax"}
+    old = {"format": 1, "seed": 2, "variant": "plain", "mode": "mixture", "recommended": recommended}
+    (copy / "delivered.json").write_text(json.dumps(old))
+    assert is_of(AddressedDynamics.load(copy), 2, "plain")
+    assert AddressedDynamics.load(copy).mode == "mixture"
+    assert read_delivered(copy) == Delivered(2, "plain", "mixture", Choice(**recommended))
 
 
 def test_a_delivered_mode_that_does_not_exist_is_refused(folder: Path, tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from addressed_dynamics.features.motion.features import MotionFeatures, fit_moti
 from addressed_dynamics.networks.files import SavedNetwork, save_network
 from addressed_dynamics.networks.spline import catmull_rom
 from addressed_dynamics.networks.stacked import StackedMLP
-from addressed_dynamics.simulators.delivery import Delivered, write_delivered
+from addressed_dynamics.simulators.delivery import Choice, Delivered, write_delivered
 from addressed_dynamics.simulators.modes import MODES
 from addressed_dynamics.simulators.motion import MOTION_MODES, MotionMode, MotionModel
 from addressed_dynamics.sources.motion.params import MotionFeatureParams
@@ -145,6 +145,24 @@ def test_a_folder_of_models_gives_the_seed_and_the_mode_that_evaluation_delivere
     assert MotionModel.load(tmp_path, mode="blend").mode == "blend"
     said = repr(MotionModel.load(tmp_path))
     assert said.startswith("MotionModel(candidate ensemble, seed 2, variant plain; mode mixture; inputs trajectory_pos")
+
+
+def test_what_is_recommended_is_loaded_by_that_name(tmp_path: Path) -> None:
+    model = addressed()
+    assert model.addressing is not None
+    save_network(tmp_path / "ensemble" / "seed-0", SavedNetwork(model.networks, FEATURES, {}))
+    save_network(tmp_path / "addressing" / "seed-0" / "plain", SavedNetwork(model.addressing, FEATURES, {}))
+    index = {"format": 1, "delivered": {"0": "plain"}, "variants": ["plain"]}
+    write_json(tmp_path / "addressing" / "addressing.json", index)
+    phased().save(tmp_path / "baselines" / "phase_functioned" / "seed-3", {})
+    write_json(tmp_path / "baselines" / "baselines.json", {"format": 1, "trained": ["phase_functioned/seed-3"]})
+    for best, mode in ((Choice("phase_functioned", 3, None, None), "phase"),
+                       (Choice("ensemble", 0, None, "blend"), "blend")):  # fmt: skip
+        write_delivered(tmp_path, Delivered(0, None, "mixture", best))
+        recommended = MotionModel.load(tmp_path, candidate="recommended")
+        assert recommended.mode == mode
+        assert str(recommended.origin).startswith(f"candidate {best.candidate}, seed {best.seed}")
+        assert MotionModel.load(tmp_path).mode == "mixture"
 
 
 def test_a_saved_model_is_loaded_in_any_mode_that_it_knows(tmp_path: Path) -> None:

@@ -7,10 +7,12 @@ from builders import CAR, car_transitions
 from learning import CHANGE
 
 from addressed_dynamics import tracking
+from addressed_dynamics.base.errors import ModelError
 from addressed_dynamics.episodes.transitions import ContinuousAction, Dimension, SpaceSpec
 from addressed_dynamics.features.transitions.spec import FeatureSpec, fit_features
 from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.simulators.addressed import AddressedDynamics
+from addressed_dynamics.simulators.modes import Mode
 from addressed_dynamics.simulators.portable import PortableDynamics
 
 PENDULUM = SpaceSpec(
@@ -49,6 +51,23 @@ def test_it_predicts_what_the_model_does_from_continuous_actions() -> None:
     with torch.no_grad():
         found = PortableDynamics(model)(torch.from_numpy(inputs)).numpy()
     np.testing.assert_allclose(found, model.predict(inputs[:, :3], inputs[:, 3:]), rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("mode", ["argmax", "mixture", "blend"])
+def test_it_addresses_in_the_model_s_own_mode(mode: Mode) -> None:
+    model = random_model(pendulum_features(), 3)
+    model.mode = mode
+    inputs = np.random.default_rng(0).normal(size=(50, 5)).astype(np.float32)
+    with torch.no_grad():
+        found = PortableDynamics(model)(torch.from_numpy(inputs)).numpy()
+    np.testing.assert_allclose(found, model.predict(inputs[:, :3], inputs[:, 3:], mode), rtol=1e-5, atol=1e-5)
+
+
+def test_a_model_that_draws_its_members_is_refused() -> None:
+    model = random_model(pendulum_features(), 3)
+    model.mode = "sample"
+    with pytest.raises(ModelError, match="load it in another mode"):
+        PortableDynamics(model)
 
 
 @pytest.mark.slow

@@ -191,7 +191,7 @@ def _section_lines(name: str, origin: Iterable[str], lengths: Sequence[int]) -> 
         yield "baselines: {addressing: {hidden: 64-64}}"
     else:
         yield from ("ensemble: {}", "addressing: {}", "baselines: {}")
-    yield "evaluation: {}"
+    yield "evaluation: {deliver: best} # on validation data, never worse than nothing changing or least squares"
 
 
 def _entry(key: str, value: Any, indent: str, notes: Mapping[str, str]) -> Iterator[str]:

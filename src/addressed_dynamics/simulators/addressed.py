@@ -99,7 +99,8 @@ class AddressedDynamics:
         Args:
             folder: an experiment's model folder, for instance `data/models/mountaincar`; or the folder of one of its
                 baselines, which leaves no candidate, seed or variant to choose.
-            candidate: name of a baseline, for instance `total_parameters`; None for the ensemble.
+            candidate: name of a baseline, for instance `total_parameters`, `ensemble`, or `recommended` for the best on
+                validation episodes; None for what is delivered.
             seed: which of the trained seeds; None for the one that is delivered, or for a baseline's first.
             variant: which addressing network, `plain` or `cost_sensitive`; None for the one delivered.
             mode: how `predict` uses the members if it is not told, as there; None for how the model is delivered, or

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import get_args
+from typing import Literal, get_args
 
 from addressed_dynamics.base.errors import ModelError
 from addressed_dynamics.base.files import write_json
@@ -27,30 +28,51 @@ RECOMMENDED = "recommended"
 """Name that stands for the candidate that holds longest on validation episodes."""
 
 
+Why = Literal["asked", "best", "reference", "unmeasured"]
+"""Why a model is delivered: the params file asks for it; it is the best on validation episodes; it is a reference, than
+which no trained model is better there; or there are none, and it is the addressed ensemble for want of a choice."""
+
+
 @dataclass(frozen=True)
-class Recommended:
-    """Which of all trained models is to be loaded by somebody who wants the best one."""
+class Choice:
+    """One of all trained models, and how it is used."""
 
     candidate: str
     """`ensemble`, or the name of a baseline."""
     seed: int
+    """The seed that it was trained from."""
     variant: str | None
-    """Its addressing network; None for a baseline."""
-    mode: str
+    """Its addressing network; None for a baseline, or for the one that training chose."""
+    mode: str | None
+    """How the outputs of the addressing network are used; None for the way in which it was saved."""
 
 
 @dataclass(frozen=True)
 class Delivered:
-    """Which of the trained ensembles is delivered, and how it is used."""
+    """Which of the trained models is delivered, and how it is used."""
 
     seed: int
     """The seed that it was trained from."""
     variant: str | None
-    """Its addressing network; None for the one that training chose."""
-    mode: str
-    """How the outputs of the addressing network are used."""
-    recommended: Recommended | None = None
+    """Its addressing network; None for a baseline, or for the one that training chose."""
+    mode: str | None
+    """How the outputs of the addressing network are used; None for the way in which it was saved."""
+    recommended: Choice | None = None
     """Which model held longest on validation episodes; None if that was not measured."""
+    candidate: str = ENSEMBLE
+    """`ensemble`, or the name of a baseline."""
+    ensemble: Choice | None = None
+    """The addressed ensemble that stands for all, if something else is delivered; None: it is what is delivered."""
+    why: Why | None = None
+    """None if nobody says."""
+    scores: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    """What the model, the addressed ensemble and the best reference reach on validation episodes, by the names of
+    candidates; the model comes first."""
+
+    @property
+    def choice(self) -> Choice:
+        """The model that is delivered."""
+        return Choice(self.candidate, self.seed, self.variant, self.mode)
 
 
 @dataclass(frozen=True)
@@ -104,12 +126,18 @@ def read_delivered(folder: Path) -> Delivered:
     try:
         read = read_index(folder, FILE)
         variant = read["variant"]
-        recommended = read.get("recommended")
+        recommended, ensemble = (
+            None if read.get(name) is None else Choice(**read[name]) for name in ("recommended", "ensemble")
+        )
         return Delivered(
             int(read["seed"]),
             None if variant is None else str(variant),
-            str(read["mode"]),
-            None if recommended is None else Recommended(**recommended),
+            None if read["mode"] is None else str(read["mode"]),
+            recommended,
+            str(read.get("candidate", ENSEMBLE)),
+            ensemble,
+            next((each for each in get_args(Why) if each == read.get("why")), None),
+            dict(read.get("scores", {})),
         )
     except (KeyError, TypeError, ValueError) as error:
         message = (
@@ -130,9 +158,10 @@ def find_parts(folder: Path, candidate: str | None, seed: int | None, variant: s
 
     Args:
         folder: what the training stages wrote, or the folder of one model, of which there is nothing to choose.
-        candidate: `ensemble`, the name of a baseline, or `recommended`; None for the ensemble.
-        seed: which of the trained seeds; None for the delivered one, or for a baseline's first.
-        variant: which addressing network of the ensemble; None for the delivered one, or the one that training chose.
+        candidate: `ensemble`, the name of a baseline, or `recommended`; None for what is delivered, or for the ensemble
+            if a seed or a variant is asked for.
+        seed: which of the trained seeds; None for the one that stands for all, or for a baseline's first.
+        variant: which addressing network of the ensemble; None for the one that stands for all, or that training chose.
 
     Raises:
         ModelError: a file is missing or damaged, there is no such candidate, seed or variant, or one was asked for of
@@ -159,11 +188,14 @@ def find_parts(folder: Path, candidate: str | None, seed: int | None, variant: s
         raise ModelError(message)
     if candidate == RECOMMENDED:
         return _recommended(folder, seed, variant)
+    if candidate is None and seed is None and variant is None:
+        return _chosen(folder, read_delivered(folder).choice)
     if candidate in (None, ENSEMBLE):
         if seed is not None:
             return _ensemble(folder, seed, variant, None)
         delivered = read_delivered(folder)
-        return _ensemble(folder, delivered.seed, variant or delivered.variant, delivered.mode)
+        own = delivered.ensemble or delivered.choice
+        return _ensemble(folder, own.seed, variant or own.variant, own.mode)
     if variant is not None:
         message = f"{folder}: variants are those of the ensemble's addressing network; '{candidate}' has none"
         raise ModelError(message)
@@ -203,9 +235,13 @@ def _recommended(folder: Path, seed: int | None, variant: str | None) -> Parts:
             "episodes"
         )
         raise ModelError(message)
+    return _chosen(folder, chosen)
+
+
+def _chosen(folder: Path, chosen: Choice) -> Parts:
     if chosen.candidate == ENSEMBLE:
         return _ensemble(folder, chosen.seed, chosen.variant, chosen.mode)
-    return find_parts(folder, chosen.candidate, chosen.seed, None)
+    return replace(find_parts(folder, chosen.candidate, chosen.seed, None), mode=chosen.mode)
 
 
 def _ensemble(folder: Path, seed: int, variant: str | None, mode: str | None) -> Parts:

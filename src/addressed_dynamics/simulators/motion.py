@@ -99,7 +99,8 @@ class MotionModel:
         Args:
             folder: for instance `data/models/pfnn`; or what `save` wrote, which leaves no candidate, seed or variant to
                 choose.
-            candidate: name of a baseline, for instance `phase_functioned`; None for the ensemble.
+            candidate: name of a baseline, for instance `phase_functioned`, `ensemble`, or `recommended` for the best on
+                validation data; None for what is delivered.
             seed: which of the ensembles; None for the one that is delivered, or for a baseline's first.
             variant: which of its addressing networks; None for the one that is delivered.
             mode: how `predict` uses the members if it is not told, as there; None for how the model is delivered or was

@@ -6,6 +6,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from addressed_dynamics.base.errors import ModelError
 from addressed_dynamics.episodes.transitions import DiscreteAction
 from addressed_dynamics.networks.addressing import addressing_scores
 from addressed_dynamics.simulators.addressed import AddressedDynamics
@@ -13,15 +14,23 @@ from addressed_dynamics.simulators.addressed import AddressedDynamics
 
 @final
 class PortableDynamics(nn.Module):
-    """Maps states, actions and exogenous inputs to next states, with the paper's addressing.
+    """Maps states, actions and exogenous inputs to next states, in the model's own mode of addressing.
 
-    That is the member with the highest output of the addressing network. It evaluates every member and keeps the
-    selected one's output, because a trace must not depend on the data; up to rounding, the result is that of
-    `AddressedDynamics.predict`. It checks nothing.
+    It evaluates every member, and in the mode `argmax` keeps the selected one's output, because a trace must not depend
+    on the data; up to rounding, the result is that of `AddressedDynamics.predict`. It checks nothing.
     """
 
     def __init__(self, model: AddressedDynamics) -> None:
+        """Take a model apart.
+
+        Raises:
+            ModelError: its mode is `sample`, and what is drawn cannot be traced.
+        """
         super().__init__()
+        if model.mode == "sample" and model.addressing is not None:
+            message = "a model that draws its members cannot be kept as one module; load it in another mode"
+            raise ModelError(message)
+        self.mode = model.mode
         self.features = model.features
         self.ensemble = model.ensemble
         self.addressing = model.addressing
@@ -45,9 +54,11 @@ class PortableDynamics(nn.Module):
         x = torch.cat([observation, action, exogenous], dim=-1)
         x = (x - torch.tensor(self.features.input_mean)) / torch.tensor(self.features.input_deviation)
         x, last = self.features.join(x if self.features.history > 1 else x[:, 0]), observation[:, -1]
-        outputs = self.ensemble(x)
         if self.addressing is None:
-            return self.features.decode(outputs[0], last)
-        selected = addressing_scores(self.addressing, x).argmax(dim=1)
-        chosen = nn.functional.one_hot(selected, self.ensemble.members).to(torch.float32).T.unsqueeze(-1)
-        return self.features.decode((outputs * chosen).sum(dim=0), last)
+            return self.features.decode(self.ensemble(x)[0], last)
+        weights = torch.softmax(addressing_scores(self.addressing, x), dim=1)
+        if self.mode == "blend":
+            return self.features.decode(self.ensemble.forward_blended(x, weights), last)
+        if self.mode == "argmax":
+            weights = nn.functional.one_hot(weights.argmax(dim=1), self.ensemble.members).to(torch.float32)
+        return self.features.decode((self.ensemble(x) * weights.T.unsqueeze(-1)).sum(dim=0), last)

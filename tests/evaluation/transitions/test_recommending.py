@@ -1,10 +1,14 @@
 """Which model is recommended: the best on validation episodes, and never one that is worse than a reference."""
 
+from dataclasses import asdict
+from typing import Any
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from addressed_dynamics.evaluation.transitions.recommending import SLACK, Score, choose
+from addressed_dynamics.evaluation.transitions.recommending import SLACK, Score, choose, deliver
+from addressed_dynamics.simulators.delivery import Choice
 
 NAMES = ("ensemble/argmax", "ensemble/mixture", "total_parameters/seed-0", "persistence/seed-0", "linear/seed-0")
 SCORES = st.builds(Score, st.floats(0.01, 100), st.floats(0.01, 1000), st.floats(0.1, 100))
@@ -79,3 +83,38 @@ def test_the_last_change_and_the_linear_map_of_one_frame_are_references_in_rollo
 
 def test_without_references_the_best_is_recommended() -> None:
     assert choose({"a/seed-0": Score(1.0, 1.0, 1.0), "b/seed-0": Score(2.0, 2.0, 2.0)}) == ("b/seed-0", True)
+
+
+OWN, LINEAR = Choice("ensemble", 3, "plain", "argmax"), Choice("linear", 0, None, "argmax")
+
+
+def found(*, better: bool) -> tuple[dict[str, Any], Choice]:
+    scores = {
+        "ensemble/argmax": Score(2.0, 20.0, 5.0),
+        "ensemble/mixture": Score(2.0, 19.0, 5.0),
+        "persistence/seed-0": Score(1.0, 9.0, 20.0),
+        "linear/seed-0": Score(1.1, 5.0, 30.0),
+    }
+    record = {"candidate": "linear/seed-0", "beats_references": better}
+    return record | {"scores": {name: asdict(each) for name, each in scores.items()}}, LINEAR
+
+
+@pytest.mark.parametrize(("better", "why"), [(True, "best"), (False, "reference")])
+def test_the_best_is_delivered_with_the_reason_and_with_what_it_is_better_than(better: bool, why: str) -> None:
+    delivered, name = deliver("best", OWN, found(better=better))
+    assert (name, delivered.choice, delivered.ensemble, delivered.why) == ("linear/seed-0", LINEAR, OWN, why)
+    assert list(delivered.scores) == ["linear/seed-0", "ensemble/argmax"]
+    assert delivered.scores["linear/seed-0"]["horizon_seconds"] == 30.0
+
+
+def test_the_addressed_ensemble_is_delivered_whatever_it_reaches_if_that_is_asked_for() -> None:
+    delivered, name = deliver("addressed", OWN, found(better=False))
+    assert (name, delivered.choice, delivered.ensemble, delivered.why) == ("ensemble/argmax", OWN, None, "asked")
+    assert delivered.recommended == LINEAR
+    assert list(delivered.scores) == ["ensemble/argmax", "linear/seed-0"]
+
+
+def test_without_validation_episodes_the_addressed_ensemble_is_delivered_and_the_reason_says_so() -> None:
+    delivered, name = deliver("best", OWN, None)
+    assert (name, delivered.choice, delivered.why, delivered.scores) == ("ensemble/argmax", OWN, "unmeasured", {})
+    assert deliver("addressed", OWN, None)[0].why == "asked"

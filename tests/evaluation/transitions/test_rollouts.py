@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from builders import CAR
+from builders import CAR, car_transitions
 from learning import drive, untrained_model
 from rollout_errors import rollout_errors
 
@@ -13,7 +13,7 @@ from addressed_dynamics.base.errors import EvaluationError
 from addressed_dynamics.base.params.recording import EnvironmentParams
 from addressed_dynamics.envs.mountain_car import mountain_car_step
 from addressed_dynamics.episodes.transitions import Dimension
-from addressed_dynamics.evaluation.transitions.rollouts import summarise_rollouts
+from addressed_dynamics.evaluation.transitions.rollouts import flown_off_share, seen_range, summarise_rollouts
 from addressed_dynamics.evaluation.transitions.spreads import against_horizon
 from addressed_dynamics.evaluation.transitions.truth import TrueRollouts, record_true_rollouts
 from addressed_dynamics.sources.transitions.params import EnvironmentRollouts
@@ -140,6 +140,22 @@ def test_a_dimension_without_bounds_cannot_be_left() -> None:
     in_part = (CAR_DIMENSIONS[0], unbounded[1])
     far[..., 0] = truth().states[:, 1:, 0]
     assert summarise_rollouts(*errors(far), truth(), in_part)["left_bounds_share"] == 0.0
+
+
+@pytest.mark.parametrize(("value", "share"), [(0.59, 0.0), (0.61, 0.25), (-0.61, 0.25), (np.nan, 0.25), (np.inf, 0.25)])
+def test_a_rollout_flies_off_when_it_is_outside_of_what_was_trained_on_by_more_than_its_width(
+    value: float, share: float
+) -> None:
+    train = car_transitions([40, 30])
+    low, high = seen_range(train)
+    states = np.concatenate([train.observation, train.next_observation])
+    np.testing.assert_array_equal([low, high], [states.min(axis=0), states.max(axis=0)])
+    seen = np.array([[-0.2, 3.0], [0.2, 3.0]])  # the second dimension never changed
+    predicted = np.tile(np.array([0.1, 3.9], np.float32), (4, 5, 1))
+    predicted[2, 3, 0] = value
+    assert flown_off_share(predicted, seen) == share
+    predicted[:, 1, 1] = 4.1
+    assert flown_off_share(predicted, seen) == 1.0
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e30])

@@ -24,7 +24,7 @@ from addressed_dynamics.evaluation.transitions.trusting import (
 from addressed_dynamics.evaluation.transitions.truth import TrueRollouts
 from addressed_dynamics.networks.files import SavedNetwork, save_network
 from addressed_dynamics.simulators.addressed import AddressedDynamics
-from addressed_dynamics.simulators.delivery import Origin, Recommended
+from addressed_dynamics.simulators.delivery import Choice, Origin
 from addressed_dynamics.simulators.trusted import Calibrated, TrustFile, find_trust, write_trust
 from addressed_dynamics.sources.transitions.params import ShiftParams
 
@@ -49,7 +49,7 @@ def test_a_model_is_held_against_the_same_from_another_seed_else_against_the_ens
     ]  # fmt: skip
 
     def partner(candidate: str, variant: str | None = None) -> Origin:
-        pair = pair_of(candidates(), Recommended(candidate, 0, variant, "argmax"))
+        pair = pair_of(candidates(), Choice(candidate, 0, variant, "argmax"))
         assert pair is not None
         return pair.partner_origin
 
@@ -59,7 +59,7 @@ def test_a_model_is_held_against_the_same_from_another_seed_else_against_the_ens
     # References say nothing of what the data leave open.
     assert partner("ensemble", "plain").candidate == "total_parameters"
     alone = [each for each in candidates() if each.name in ("ensemble/argmax", "persistence/seed-0")]
-    assert pair_of(alone, Recommended("ensemble", 0, "plain", "argmax")) is None
+    assert pair_of(alone, Choice("ensemble", 0, "plain", "argmax")) is None
 
 
 def test_trust_is_judged_on_test_episodes_and_under_shifts():

@@ -61,7 +61,7 @@ def test_a_verdict_alone_makes_a_report_of_what_was_run_and_of_the_trainings() -
     assert titles(found) == ["What was run", "Training", "Source"]
     assert (found.title, found.verdict, found.sections[-1].blocks) == ("A room", "It is warm.", (Text((CITATION,)),))
     assert list(facts(found)) == ["Params", "Recipe", "Subnetworks", "Phase 1", "Addressing", "Phase 2", "Seeds"]
-    assert facts(found)["Seeds"] == "1 and 2; delivered is seed 1"
+    assert facts(found)["Seeds"] == "1 and 2; the report is about seed 1"
     assert "predict" not in facts(found)["Subnetworks"]
     assert "Figure | Target" not in render_markdown(found)
     assert "It is warm." in render_html(found)
@@ -81,7 +81,7 @@ def test_what_a_kind_says_of_its_networks_stands_among_the_facts() -> None:
         "Params", "Recipe", "Inputs", "Subnetworks", "Angles", "Phase 1", "Addressing", "Phase 2", "Seeds", "Scale",
     ]  # fmt: skip
     assert said["Subnetworks"].endswith("; they predict the next")
-    assert said["Seeds"] == "1 and 2; delivered is seed 2 with argmax addressing"
+    assert said["Seeds"] == "1 and 2; the report is about seed 2 with argmax addressing"
 
 
 def test_targets_stand_below_the_verdict() -> None:

@@ -150,8 +150,8 @@ def test_without_angles_the_table_has_every_dimension() -> None:
 @pytest.mark.parametrize(
     ("name", "headers", "first"),
     [
-        ("paper_recipe", ["", "the default recipe, delivered", "the paper's recipe"], "the change of the state"),
-        ("default_recipe", ["", "the default recipe", "the paper's recipe, delivered"], "the next state"),
+        ("paper_recipe", ["", "the default recipe, chosen", "the paper's recipe"], "the change of the state"),
+        ("default_recipe", ["", "the default recipe", "the paper's recipe, chosen"], "the next state"),
     ],
 )
 def test_the_default_stands_before_the_paper_s_whichever_was_chosen(name: str, headers: list[str], first: str) -> None:

@@ -36,6 +36,20 @@ def test_rollouts_beside_an_environment_are_told_apart_by_wall_contact_in_one_ta
     assert table.rows[1].cells[1:] == (*[scientific(1e-6)] * 6, "25.0\u202f%")
 
 
+def test_rollouts_that_fly_off_are_counted_for_every_model() -> None:
+    document = evaluation_json((1e-7, 1e-6))
+    document["candidates"] = {
+        name: each | {"rollouts": each["rollouts"] | {"flown_off_share": 0.5 * (number % 2)}}
+        for number, (name, each) in enumerate(document["candidates"].items())
+        if "rollouts" in each
+    }
+    (table,) = rollout_tables(Evaluation.model_validate(document), PAPER["mountaincar"])
+    assert [column.header for column in table.columns][-2:] == ["leave the bounds", "fly off"]
+    assert [row.cells[-1] for row in table.rows][:3] == ["", "50.0\u202f%", "0"]
+    assert all(len(row.cells) == len(table.columns) for row in table.rows)
+    assert "more than 1 times its width, or is no number." in table.caption
+
+
 def test_many_dimensions_have_a_table_for_each_segment() -> None:
     found, _ = acrobot()
     everything, learning, swinging = rollout_tables(found, None)

@@ -51,27 +51,60 @@ def test_one_seed_that_is_worse_makes_the_difference_unclear() -> None:
     )
 
 
-def recommending(name: str, *, better: bool) -> str:
+def recommending(name: str, *, why: str, better: bool = True) -> str:
     document = evaluation_json((1e-7, 1e-6), (1e-6, 1e-5))
+    document["candidates"]["linear/seed-0"] = candidate(1e-5, 1e-4) | {"label": "linear least squares"}
     score = {"one_step_percent": 0.694, "rollout_percent": 3.0, "horizon_seconds": 100.0}
     own = {"one_step_percent": 0.85, "rollout_percent": 7.0, "horizon_seconds": 85.0}
     document["recommendation"] = {
         "candidate": name, "label": "linear least squares", "beats_references": better, "rollouts": 12,
         "scores": {"linear/seed-0": score, "ensemble/argmax": own},
     }  # fmt: skip
-    found = Evaluation.model_validate(document)
-    return verdict(found, judged(found), CAR_PAPER)
+    document["choice"] = {"candidate": "ensemble/argmax" if why == "asked" else name, "why": why}
+    return said(Evaluation.model_validate(document))
 
 
-def test_the_first_sentence_says_which_model_to_use() -> None:
-    assert recommending("linear/seed-0", better=False).startswith(
-        "Use linear least squares, for no trained model is worth more: on validation episodes its error is 0.69 % of "
-        "the range after a step, and its rollouts keep it below 10 % for 100 s."
+def test_the_first_sentence_says_which_model_is_delivered_and_why() -> None:
+    reached = (
+        "on validation episodes its error is 0.69 % of the range after a step, and its rollouts keep it below 10 % for "
+        "100 s, where the addressed ensemble has 0.85 % and 85.0 s. "
     )
-    assert "where the addressed ensemble has 0.85 % and 85.0 s." in recommending("linear/seed-0", better=True)
-    text = recommending("ensemble/argmax", better=True)
-    assert text.startswith("Use the addressed ensemble: on validation")
-    assert "One step ahead linear least squares is better (0.69 %). " in text
+    assert recommending("linear/seed-0", why="reference", better=False).startswith(
+        f"Delivered is linear least squares, for no trained model is worth more: {reached}"
+    )
+    text = recommending("linear/seed-0", why="best")
+    assert text.startswith(f"Delivered is linear least squares, the best: {reached}")
+    assert "On held-out episodes linear least squares, which is delivered, has a mean MSE of" in text
+    assert recommending("linear/seed-0", why="asked").startswith(
+        "Delivered is the addressed ensemble, as the params file asks, but load linear least squares "
+        f"(candidate='recommended'): {reached}"
+    )
+
+
+def test_the_first_sentence_says_if_a_reference_is_better_one_step_ahead() -> None:
+    text = recommending("ensemble/argmax", why="best")
+    assert text.startswith("Delivered is the addressed ensemble, the best: on validation episodes its error is 0.85 %")
+    assert "for 85.0 s; one step ahead linear least squares is better (0.69 %). " in text
+    assert recommending("ensemble/argmax", why="asked").startswith(
+        "Delivered is the addressed ensemble, as the params file asks, and it is the best: on validation"
+    )
+
+
+def test_a_model_that_nobody_could_choose_is_said_to_be_none() -> None:
+    document = evaluation_json() | {"choice": {"candidate": "ensemble/argmax", "why": "unmeasured"}}
+    text = said(Evaluation.model_validate(document))
+    assert text.startswith("Delivered is the addressed ensemble, for there are no validation episodes to choose by. ")
+
+
+def test_rollouts_of_the_delivered_model_that_fly_off_are_said() -> None:
+    document = evaluation_json((1e-7, 1e-6), (1e-6, 1e-5))
+    document["candidates"]["ensemble/argmax"] |= {"label": "ensemble, argmax addressing"}
+    document["candidates"]["ensemble/argmax"]["rollouts"]["flown_off_share"] = 0.25
+    text = said(Evaluation.model_validate(document))
+    assert (
+        "Of the rollouts of the ensemble, argmax addressing, which is delivered, 25.0\u202f% fly off: a state" in text
+    )
+    assert "fly off" not in said(evaluation((1e-7, 1e-6), (1e-6, 1e-5)))
 
 
 @given(errors, errors)

@@ -13,6 +13,8 @@ from addressed_dynamics.evaluation.motion.candidates import (
     reference_candidates,
 )
 from addressed_dynamics.evaluation.motion.closed_loop.commands import standard_script
+from addressed_dynamics.evaluation.motion.one_step import block_deviation
+from addressed_dynamics.evaluation.motion.recommending import recommend
 from addressed_dynamics.evaluation.motion.records import MotionEvaluation
 from addressed_dynamics.evaluation.motion.suite import (
     ClosedLoopPlan,
@@ -69,8 +71,11 @@ def evaluate(tables: Path, models: Path, params: MotionEvaluationParams, *, core
             for split, motion in {"train": data.train, "test": data.held_out["test"]}.items()
         },
     }
+    report["recommendation"], recommended = recommend(
+        candidates, report["candidates"], data.validation, block_deviation(data.train.y)
+    )
     arrays = motion_arrays(shown_candidates(candidates, seed, mode), traces, data)
-    delivered = Delivered(seed, None, mode)
+    delivered = Delivered(seed, None, mode, recommended)
     further = further_rows(f"{__package__}.measures", candidates, data)
     MotionEvaluation.model_validate(report)
     return Evaluated(

@@ -216,6 +216,23 @@ class Delivered(Record):
     mode: str
 
 
+class ScoreRecord(Record):
+    """What a candidate reaches on validation data."""
+
+    closed_loop: float
+    mae_normalised: float
+
+
+class Recommendation(Record):
+    """Which model is the best on validation data."""
+
+    candidate: str
+    """A key of `candidates`."""
+    label: str
+    scores: dict[str, ScoreRecord]
+    """Of every candidate that can be loaded."""
+
+
 class MotionEvaluation(Record):
     """evaluation.json."""
 
@@ -225,6 +242,8 @@ class MotionEvaluation(Record):
     """Frames of each split."""
     reference: Reference
     addressing: Addressing
+    recommendation: Recommendation | None = None
+    """None in results of earlier versions."""
 
     @model_validator(mode="after")
     def _has_the_delivered(self) -> Self:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float64
 
 from addressed_dynamics.base.errors import EvaluationError
 from addressed_dynamics.base.params.training import EnsembleParams
@@ -29,9 +29,9 @@ from addressed_dynamics.evaluation.transitions.candidates import (
 from addressed_dynamics.evaluation.transitions.hindsight import evaluate_guesses, evaluate_oracle
 from addressed_dynamics.evaluation.transitions.noise_floor import noise_floor
 from addressed_dynamics.evaluation.transitions.points import Points
-from addressed_dynamics.evaluation.transitions.recommending import recommend
+from addressed_dynamics.evaluation.transitions.recommending import deliver, recommend
 from addressed_dynamics.evaluation.transitions.records import Evaluation
-from addressed_dynamics.evaluation.transitions.rollouts import finite, roll_out
+from addressed_dynamics.evaluation.transitions.rollouts import finite, roll_out, seen_range
 from addressed_dynamics.evaluation.transitions.shifts import record_shifts
 from addressed_dynamics.evaluation.transitions.suite import (
     baseline_losses,
@@ -45,10 +45,10 @@ from addressed_dynamics.evaluation.transitions.suite import (
 )
 from addressed_dynamics.evaluation.transitions.summary import summarise
 from addressed_dynamics.evaluation.transitions.trusting import calibrated, judge_trust, median_course, pair_of
-from addressed_dynamics.evaluation.transitions.truth import TrueRollouts, true_rollouts
+from addressed_dynamics.evaluation.transitions.truth import true_rollouts
 from addressed_dynamics.features.transitions.spec import FeatureSpec
 from addressed_dynamics.networks.files import load_network
-from addressed_dynamics.simulators.delivery import Delivered, Recommended
+from addressed_dynamics.simulators.delivery import ENSEMBLE, Choice, Delivered
 from addressed_dynamics.simulators.trusted import Calibrated
 from addressed_dynamics.sources.transitions.params import EvaluationParams
 from addressed_dynamics.training.ensemble import untrained_ensemble
@@ -76,7 +76,7 @@ def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int
     ]
     predicted = roll_out(candidates, truth, cores=cores)
     results, rollouts, horizon = evaluate_candidates(
-        candidates, points["test"], truth, params.rollouts, loss, predicted
+        candidates, points["test"], truth, params.rollouts, loss, predicted, seen_range(points["train"].transitions)
     )
     other = load_other_recipe(models / "baselines", candidates)
     report = {
@@ -102,10 +102,14 @@ def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int
     validation = Points.of(load_transitions(tables, split="validation"), model.features)
     found = recommend(candidates, validation, params.rollouts, segments, cores=cores)
     report["recommendation"] = None if found is None else found[0]
-    chosen = Delivered(first, delivered[first], "argmax", None if found is None else found[1])
-    trusted = _trusted(candidates, chosen, points | {"validation": validation}, params, predicted, truth)
-    if trusted.record is not None:
-        report["trust"] = trusted.record
+    chosen, name = deliver(params.deliver, Choice(ENSEMBLE, first, delivered[first], "argmax"), found)
+    report["choice"] = {"candidate": name, "why": chosen.why}
+    errors = {
+        key: median_course(finite(predicted[each]), truth, np.array(model.features.scale))
+        for key, each in [("model", name), *((each.partition("/")[0], each) for each in predicted)]
+    }
+    trusted = _trusted(candidates, chosen, points | {"validation": validation}, params, errors)
+    report["trust"] = trusted.record
     untrained = untrained_ensemble(model.features.inputs, model.features.outputs, recipe, seed=first)
     arrays = figure_arrays(model, untrained, points["test"], truth, predicted["ensemble/argmax"], loss)
     if pair := load_pair(models / "baselines"):
@@ -142,11 +146,18 @@ def _trusted(
     chosen: Delivered,
     points: Mapping[Split, Points],
     params: EvaluationParams,
-    predicted: Mapping[str, Float32[np.ndarray, "episode step state"]],
-    truth: TrueRollouts,
+    errors: Mapping[str, Float64[np.ndarray, " step"]],
 ) -> _Trusted:
-    own = Recommended("ensemble", chosen.seed, chosen.variant, chosen.mode)
-    wanted = dict.fromkeys([own, *([chosen.recommended] if chosen.recommended else [])])
+    """Calibrate the trust in what is delivered and recommended, and judge that of the former.
+
+    Args:
+        candidates: all models.
+        chosen: which of them are meant.
+        points: by split.
+        params: which rollouts and shifts.
+        errors: of the median rollout against the horizon, of `model`, the delivered one, and of others by name.
+    """
+    wanted = dict.fromkeys([chosen.choice, *([chosen.recommended] if chosen.recommended else [])])
     pairs = [pair for each in wanted if (pair := pair_of(candidates, each)) is not None]
     if not pairs:
         return _Trusted(missing="no second model was trained that could be held against one; train a second seed")
@@ -155,10 +166,7 @@ def _trusted(
         found = tuple(calibrated(pair, points["train"], points["validation"], steps=steps) for pair in pairs)
     except EvaluationError as error:
         return _Trusted(missing=str(error))
-    spaces, scale = pairs[0].model.features.spaces, np.array(pairs[0].model.features.scale)
-    names = {"model": "ensemble/argmax", **{name.partition("/")[0]: name for name in predicted}}
-    errors = {key: median_course(finite(predicted[name]), truth, scale) for key, name in names.items()}
-    shifts = record_shifts(params.shifts, spaces)
+    shifts = record_shifts(params.shifts, pairs[0].model.features.spaces)
     record, arrays = judge_trust(pairs[0], found[0], points, shifts, params.shifts, errors)
     return _Trusted(found, None, record, arrays)
 

@@ -1,4 +1,4 @@
-"""Which model to load: the one that holds longest on validation episodes, and never one that is worse than nothing.
+"""Which model to deliver: the one that holds longest on validation episodes, and never one that is worse than nothing.
 
 The test episodes have no part in it.
 """
@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float32
@@ -16,10 +16,10 @@ from addressed_dynamics.evaluation.transitions.candidates import Candidate
 from addressed_dynamics.evaluation.transitions.horizons import one_step_percent, percent_of_range, steps_until_lost
 from addressed_dynamics.evaluation.transitions.one_step import errors_per_dimension, predict_all
 from addressed_dynamics.evaluation.transitions.points import Points
-from addressed_dynamics.evaluation.transitions.records import NOTHING, REFERENCES
+from addressed_dynamics.evaluation.transitions.records import ADDRESSED, NOTHING, REFERENCES
 from addressed_dynamics.evaluation.transitions.rollouts import finite, roll_out
 from addressed_dynamics.evaluation.transitions.truth import TrueRollouts, true_rollouts
-from addressed_dynamics.simulators.delivery import Recommended
+from addressed_dynamics.simulators.delivery import Choice, Delivered, Why
 from addressed_dynamics.sources.transitions.params import EnvironmentRollouts, RecordedRollouts
 
 SLACK = 1.02
@@ -51,7 +51,7 @@ def recommend(
     segments: Mapping[int, str],
     *,
     cores: int,
-) -> tuple[dict[str, Any], Recommended] | None:
+) -> tuple[dict[str, Any], Choice] | None:
     """Return what goes into evaluation.json, and which model is recommended; None without validation episodes.
 
     Args:
@@ -105,6 +105,41 @@ def choose(scores: Mapping[str, Score]) -> tuple[str, bool]:
     return min(among, key=lambda name: among[name].rank), bool(sound)
 
 
+def deliver(
+    asked: Literal["best", "addressed"], own: Choice, found: tuple[Mapping[str, Any], Choice] | None
+) -> tuple[Delivered, str]:
+    """Return what is delivered, with the reason and with what it reaches, and the name of the candidate that it is.
+
+    Args:
+        asked: `best`, or `addressed` for the addressed ensemble whatever it reaches.
+        own: the addressed ensemble.
+        found: what `recommend` returned.
+    """
+    why: Why = "asked"
+    if found is None:
+        why = "unmeasured" if asked == "best" else why
+        return Delivered(own.seed, own.variant, own.mode, why=why), ADDRESSED
+    record, best = found
+    scores = {name: Score(**each) for name, each in record["scores"].items()}
+    name, chosen = ADDRESSED, own
+    if asked == "best":
+        name, chosen = record["candidate"], best
+        why = "best" if record["beats_references"] else "reference"
+    references = [each for each in scores if each.partition("/")[0] in REFERENCES]
+    beside = [name, ADDRESSED, *sorted(references, key=lambda each: scores[each].rank)[:1]]
+    delivered = Delivered(
+        chosen.seed,
+        chosen.variant,
+        chosen.mode,
+        recommended=best,
+        candidate=chosen.candidate,
+        ensemble=None if chosen == own else own,
+        why=why,
+        scores={each: asdict(scores[each]) for each in dict.fromkeys(beside)},
+    )
+    return delivered, name
+
+
 def _score(
     candidate: Candidate, points: Points, predicted: Float32[np.ndarray, "episode step state"], truth: TrueRollouts
 ) -> Score:
@@ -116,12 +151,12 @@ def _score(
     return Score(one_step, float(np.median(whole)), steps * points.features.spaces.step_seconds)
 
 
-def _recommended(name: str, candidate: Candidate) -> Recommended:
+def _recommended(name: str, candidate: Candidate) -> Choice:
     model = candidate.model
     assert model is not None
     origin = model.origin
     kind, *rest = name.split("/")
     if kind == "ensemble":
         assert origin is not None
-        return Recommended("ensemble", origin.seed, origin.variant, candidate.mode)
-    return Recommended(kind, int(rest[-1].removeprefix("seed-")), None, candidate.mode)
+        return Choice("ensemble", origin.seed, origin.variant, candidate.mode)
+    return Choice(kind, int(rest[-1].removeprefix("seed-")), None, candidate.mode)

@@ -11,6 +11,7 @@ from addressed_dynamics.base.errors import ReportError
 from addressed_dynamics.base.params.training import AddressingTraining, EnsembleParams
 from addressed_dynamics.evaluation.common.records import BaselineLosses, Dropped, Record, Specialisations
 from addressed_dynamics.evaluation.transitions.trust_records import TrustRecord
+from addressed_dynamics.simulators.delivery import Why
 from addressed_dynamics.sources.transitions.params import FeatureParams
 
 
@@ -134,6 +135,9 @@ class RolloutResult(Record):
 
     left_bounds_share: float | None
     """None if the state has no bounds."""
+    flown_off_share: float | None = None
+    """Share of the rollouts that fly off: far outside of all that was trained on, or no numbers; None if that was not
+    counted, as of true simulations and in results of earlier versions."""
     groups: dict[str, RolloutGroup]
     """Over `all` episodes first, then over those of each group that is told apart."""
     horizon: Horizon | None = None
@@ -199,11 +203,19 @@ class OtherRecipe(Record):
     """By its own loss, which may be another than that of the delivered model."""
 
 
-class Delivered(Record):
-    """Which model is the one that is delivered."""
+class Addressed(Record):
+    """Which of the addressed ensembles stands for all of them."""
 
     seed: int
     variant: str
+
+
+class Choice(Record):
+    """Which model is delivered."""
+
+    candidate: str
+    """A key of `candidates`."""
+    why: Why
 
 
 class HeldOut(Record):
@@ -232,6 +244,8 @@ class RolloutSource(Record):
     """Names of the exogenous inputs, whose recorded values are replayed."""
 
 
+ADDRESSED = "ensemble/argmax"
+"""The ensemble that stands for all, with the paper's addressing."""
 NOTHING = "persistence"
 """The reference by which nothing changes."""
 REFERENCES = (NOTHING, "last_change", "linear", "linear_frame")
@@ -250,7 +264,7 @@ class ScoreRecord(Record):
 
 
 class Recommendation(Record):
-    """Which model to load."""
+    """Which model is the best on validation episodes."""
 
     candidate: str
     """A key of `candidates`."""
@@ -286,7 +300,8 @@ class Evaluation(Record):
     loss: str
     test: HeldOut
     rollouts: RolloutSource
-    delivered: Delivered
+    delivered: Addressed
+    """The addressed ensemble that the report is about."""
     seeds: dict[str, dict[str, AddressingResult]]
     candidates: dict[str, CandidateResult]
     specialisation: Specialisations
@@ -299,6 +314,8 @@ class Evaluation(Record):
     """None if it was not measured, as in results of earlier versions."""
     noise_floor: NoiseFloor | None = None
     """None if there are too few training transitions, as in results of earlier versions."""
+    choice: Choice = Choice(candidate=ADDRESSED, why="asked")
+    """Earlier versions delivered nothing but the addressed ensemble."""
 
     @model_validator(mode="after")
     def _has_the_other_recipe(self) -> Evaluation:
@@ -307,19 +324,31 @@ class Evaluation(Record):
             raise ValueError(message)
         return self
 
+    @model_validator(mode="after")
+    def _has_what_is_delivered(self) -> Evaluation:
+        if self.choice.candidate not in self.candidates:
+            message = f"'{self.choice.candidate}' is delivered, but was not measured"
+            raise ValueError(message)
+        return self
+
     @property
     def table(self) -> AddressingResult:
-        """Table 1 of the delivered model."""
+        """Table 1 of the addressed ensemble."""
         return self.seeds[str(self.delivered.seed)][self.delivered.variant]
 
     @property
     def own(self) -> CandidateResult:
-        """The delivered model with the paper's addressing."""
-        return self.candidates["ensemble/argmax"]
+        """The addressed ensemble with the paper's addressing."""
+        return self.candidates[ADDRESSED]
+
+    @property
+    def chosen(self) -> CandidateResult:
+        """The delivered model."""
+        return self.candidates[self.choice.candidate]
 
     @property
     def own_seeds(self) -> list[CandidateResult]:
-        """The delivered model and those of the other seeds."""
+        """The addressed ensemble and those of the other seeds."""
         return [self.own, *self._named("ensemble/argmax/seed-")]
 
     def baseline(self, name: str) -> list[CandidateResult]:

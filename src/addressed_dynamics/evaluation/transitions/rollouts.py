@@ -12,7 +12,7 @@ import torch
 from jaxtyping import Float32, Float64
 
 from addressed_dynamics.base.threads import single_thread
-from addressed_dynamics.episodes.transitions import Dimension, SpaceSpec
+from addressed_dynamics.episodes.transitions import Dimension, SpaceSpec, Transitions
 from addressed_dynamics.evaluation.transitions.candidates import Candidate
 from addressed_dynamics.evaluation.transitions.physics import ANGLE_LIMIT, acrobot_course, check_recording, simulate
 from addressed_dynamics.evaluation.transitions.spreads import against_horizon, spread
@@ -23,6 +23,11 @@ from addressed_dynamics.sources.transitions.params import EnvironmentRollouts, R
 
 LEFT_BOUNDS_TOLERANCE = 0.01
 """A predicted state has left the bounds when it lies outside by more than this share of their range."""
+
+
+FLOWN_WIDTHS = 1.0
+"""A rollout has flown off when a predicted state lies outside of the range of the training data by more than so many
+times the width of that range, or is no number."""
 
 
 def free_run(model: AddressedDynamics, truth: TrueRollouts, mode: Mode) -> Float32[np.ndarray, "episode step state"]:
@@ -119,6 +124,28 @@ def _measured(
             summary["groups"][group]["physics"] = course.summary(members, spaces.step_seconds)
         values |= course.values
     return summary, [{"model": name, **row} for row in against_horizon(values, truth)]
+
+
+def seen_range(train: Transitions) -> Float64[np.ndarray, "2 state"]:
+    """Return the lowest and the highest value of each dimension of the state in training data."""
+    ends = [(each.min(axis=0), each.max(axis=0)) for each in (train.observation, train.next_observation)]
+    return np.array([np.minimum(*(low for low, _ in ends)), np.maximum(*(high for _, high in ends))], np.float64)
+
+
+def flown_off_share(
+    predicted: Float32[np.ndarray, "episode step state"], seen: Float64[np.ndarray, "2 state"]
+) -> float:
+    """Return the share of rollouts that fly off (`FLOWN_WIDTHS`); a state that never changed counts as 1 wide.
+
+    Args:
+        predicted: what a model predicts.
+        seen: what `seen_range` says of the data that it was trained on.
+    """
+    low, high = seen
+    slack = FLOWN_WIDTHS * np.where(high > low, high - low, 1.0)
+    with np.errstate(invalid="ignore"):
+        inside = (predicted >= low - slack) & (predicted <= high + slack)
+    return float((~inside).any(axis=(1, 2)).mean())
 
 
 def finite(predicted: Float32[np.ndarray, "episode step state"]) -> Float64[np.ndarray, "episode step state"]:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Float, Float32, Int64
+from jaxtyping import Float, Float32, Float64, Int64
 from torch import Tensor
 
 from addressed_dynamics.base.errors import EvaluationError
@@ -22,7 +22,12 @@ from addressed_dynamics.evaluation.transitions.one_step import (
     summarise,
 )
 from addressed_dynamics.evaluation.transitions.points import Points
-from addressed_dynamics.evaluation.transitions.rollouts import evaluate_rollouts, evaluate_simulations, finite
+from addressed_dynamics.evaluation.transitions.rollouts import (
+    evaluate_rollouts,
+    evaluate_simulations,
+    finite,
+    flown_off_share,
+)
 from addressed_dynamics.evaluation.transitions.truth import TrueRollouts
 from addressed_dynamics.features.transitions.spec import FeatureSpec
 from addressed_dynamics.features.transitions.windows import shorter_episodes
@@ -122,6 +127,7 @@ def evaluate_candidates(
     rollouts: EnvironmentRollouts | RecordedRollouts,
     loss: str,
     predicted: Mapping[str, Float32[np.ndarray, "episode step state"]],
+    seen: Float64[np.ndarray, "2 state"],
 ) -> tuple[dict[str, Any], dict[str, Any], list[dict[str, Any]]]:
     """Measure all candidates one step ahead and, where they can be rolled out, in free-running rollouts.
 
@@ -132,6 +138,7 @@ def evaluate_candidates(
         rollouts: how they were asked for.
         loss: `mse` or `mae`.
         predicted: what the candidates predict in their rollouts, by their names (`roll_out`).
+        seen: range of the states that they were trained on (`seen_range`).
 
     Returns:
         The errors of every candidate by its name; what the rollouts are held against; rows of errors against horizon.
@@ -147,6 +154,7 @@ def evaluate_candidates(
             results[candidate.name]["rollouts"]["horizon"] = measure_horizon(
                 predicted[candidate.name], truth, points.features
             )
+            results[candidate.name]["rollouts"]["flown_off_share"] = flown_off_share(predicted[candidate.name], seen)
             horizon += rows
     names = [dimension.name for dimension in points.features.spaces.exogenous]
     source = {

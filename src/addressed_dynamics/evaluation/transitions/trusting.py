@@ -34,7 +34,8 @@ from addressed_dynamics.evaluation.transitions.trust_measures import (
 )
 from addressed_dynamics.evaluation.transitions.truth import TrueRollouts
 from addressed_dynamics.simulators.addressed import AddressedDynamics
-from addressed_dynamics.simulators.delivery import ENSEMBLE, Origin, Recommended
+from addressed_dynamics.simulators.delivery import ENSEMBLE, Choice, Origin
+from addressed_dynamics.simulators.modes import MODES
 from addressed_dynamics.simulators.trust import SIGNALS
 from addressed_dynamics.simulators.trusted import Calibrated
 from addressed_dynamics.sources.transitions.params import ShiftParams
@@ -66,14 +67,15 @@ class Pair:
     partner_origin: Origin
 
 
-def pair_of(candidates: Sequence[Candidate], chosen: Recommended) -> Pair | None:
+def pair_of(candidates: Sequence[Candidate], chosen: Choice) -> Pair | None:
     """Return the model that is meant, in its mode, and a second one; None if no other was trained.
 
     The second is the same from another seed, else the addressed ensemble of the first seed, else any other.
     """
     models = {origin: each for each in candidates if (origin := origin_of(each)) is not None}
     own = Origin(chosen.candidate, chosen.seed, chosen.variant)
-    found = models[own].model
+    used = models[own]
+    found = used.model
     assert found is not None
     others = [each for each in models if each.candidate not in REFERENCES and _is_other(each, own)]
     if not others:
@@ -81,7 +83,7 @@ def pair_of(candidates: Sequence[Candidate], chosen: Recommended) -> Pair | None
     partner = min(others, key=lambda each: (each.candidate != own.candidate, each.candidate != ENSEMBLE))
     second = models[partner].model
     assert second is not None
-    mode = next(each.mode for each in candidates if each.mode == chosen.mode)
+    mode = next((each for each in MODES if each == chosen.mode), used.mode)
     model = AddressedDynamics(found.features, found.ensemble, found.addressing, mode=mode, origin=own)
     return Pair(model, own, second, partner)
 

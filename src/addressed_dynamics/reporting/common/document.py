@@ -47,7 +47,7 @@ class Account:
     model: ModelWords = field(default_factory=ModelWords)
     """What there is to say of the networks, among all that was run."""
     seed: int | None = None
-    """The one that is delivered; None for the first."""
+    """The one that the report is about; None for the first."""
     data: tuple[Block, ...] = ()
     """The section on the data."""
     found: tuple[Section, ...] = ()

@@ -29,7 +29,7 @@ Described = TypeVar("Described")
 
 @dataclass(frozen=True)
 class Trained(Generic[Features]):
-    """The delivered ensemble with the network that addresses it."""
+    """The ensemble that a report is about with the network that addresses it."""
 
     ensemble: SavedNetwork[Features]
     addressing: SavedNetwork[Features]
@@ -72,7 +72,7 @@ class ModelWords:
     formed: Mapping[str, str] = field(default_factory=dict)
     """Facts on what is made of inputs and predictions."""
     mode: str = ""
-    """How the delivered model uses the outputs of the addressing network."""
+    """How that ensemble uses the outputs of the addressing network."""
     notes: Mapping[str, str] = field(default_factory=dict)
     """Facts that stand near the end."""
 
@@ -80,7 +80,7 @@ class ModelWords:
 def load_trained(
     subject: Subject, form: type[Features], *, seed: int | None = None, variant: str | None = None
 ) -> Trained[Features]:
-    """Read the networks that an experiment delivers, with features of the class `form`.
+    """Read the networks that a report is about, with features of the class `form`.
 
     Args:
         subject: the experiment.
@@ -119,7 +119,7 @@ def run_facts(origin: Origin[Described], words: ModelWords, seed: int) -> Facts:
     Args:
         origin: where the results come from.
         words: what the kind says of its networks.
-        seed: the one that is delivered.
+        seed: the one that the report is about.
     """
     ensemble, addressing = origin.ensemble, origin.addressing
     predicted = f"; they predict {words.predicted}" if words.predicted else ""
@@ -140,7 +140,7 @@ def run_facts(origin: Origin[Described], words: ModelWords, seed: int) -> Facts:
             f"{addressing.epochs} epochs, {addressing.batch_size} samples per update, "
             f"{optimiser_words(addressing.optimiser)}{dropout_words(addressing.dropout)}"
         ),
-        "Seeds": f"{listed(list(map(str, ensemble.seeds)))}; delivered is seed {seed}{mode}",
+        "Seeds": f"{listed(list(map(str, ensemble.seeds)))}; the report is about seed {seed}{mode}",
         "Versions": ", ".join(f"{name} {number}" for name, number in origin.versions.items()),
         **words.notes,
         "Git commit": origin.commit,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from addressed_dynamics.evaluation.motion.records import MotionEvaluation
+from addressed_dynamics.evaluation.motion.records import MotionEvaluation, Recommendation
 from addressed_dynamics.reporting.common.comparison import MARGIN
 from addressed_dynamics.reporting.common.numbers import percent, significant
 from addressed_dynamics.reporting.common.targets import Target, reached_words
@@ -34,9 +34,10 @@ IN_SENTENCES = {
 
 
 def verdict(evaluation: MotionEvaluation, targets: Sequence[Target], *, made_up: bool) -> str:
-    """Return the result in two sentences."""
+    """Return the result in a few sentences, the first of which says which model to use."""
     on = "On synthetic clips the" if made_up else "The"
-    sentences = [f"{on} addressed ensemble reaches {reached_words(targets)}."]
+    sentences = [_recommended(evaluation, evaluation.recommendation)] if evaluation.recommendation else []
+    sentences += [f"{on} addressed ensemble reaches {reached_words(targets)}."]
     own = own_group(evaluation)
     relations = [
         outcome(compare(own, evaluation.models[name]), IN_SENTENCES[name])
@@ -46,6 +47,23 @@ def verdict(evaluation: MotionEvaluation, targets: Sequence[Target], *, made_up:
     if relations:
         sentences.append(f"It {'; it '.join(relations)}.")
     return " ".join(sentences)
+
+
+def _recommended(evaluation: MotionEvaluation, found: Recommendation) -> str:
+    """Return which model to use, and what it reaches on validation data."""
+
+    def reached(name: str) -> str:
+        score = found.scores[name]
+        return f"{score.closed_loop:.2f} in the closed loop and {significant(score.mae_normalised)} one step ahead"
+
+    on = "on validation data (score from 0 to 1, and normalised MAE) it reaches"
+    if found.candidate == evaluation.own_name or evaluation.own_name not in found.scores:
+        return f"Use the {found.label}: {on} {reached(found.candidate)}."
+    label = f"the {found.label}" if found.label.startswith("ensemble") else found.label
+    return (
+        f"Use {label} (candidate='recommended'): {on} {reached(found.candidate)}, where the delivered ensemble "
+        f"has {reached(evaluation.own_name)}."
+    )
 
 
 def findings(evaluation: MotionEvaluation, *, made_up: bool, target: str, paper: bool) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""Sentences that hold the delivered model against what it is compared with, favourable or not."""
+"""Sentences that hold the addressed ensemble against what it is compared with, favourable or not."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ def claims_table(evaluation: Evaluation, angles: AngleFigures) -> Table:
         rows.append(_error_row(f"{title}, together", found, power_of_ten(stated), "own"))
         rows += [_error_row(each.name, [each], "", "") for each in found]
     caption = (
-        f"The errors that the paper states (Experiment 2), and those of the delivered model on "
+        f"The errors that the paper states (Experiment 2), and those of the addressed ensemble on "
         f"{evaluation.test.transitions:,} held-out transitions. The paper does not say whether its errors are squared "
         "or absolute. Errors of angles are taken the short way round the circle; together: means over the dimensions, "
         "and the highest of their medians and maxima."

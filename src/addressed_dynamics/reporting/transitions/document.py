@@ -156,7 +156,7 @@ def _why_delivered(results: TransitionResults, deliver: str) -> str:
     seed, variant = results.evaluation.delivered.seed, results.evaluation.delivered.variant
     title = variant.replace("_", "-")
     if deliver != "best":
-        return f"Delivered is the {title} addressing network, because the params file asks for it."
+        return f"The ensemble has the {title} addressing network, because the params file asks for it."
     regrets = {
         name.partition("/")[2]: float(metrics["regret/mean"])
         for name, metrics in results.addressing.validation.items()
@@ -164,10 +164,10 @@ def _why_delivered(results: TransitionResults, deliver: str) -> str:
     }
     others = [f"{name.replace('_', '-')}: {scientific(value)}" for name, value in regrets.items() if name != variant]
     if variant not in regrets or not others:
-        return f"Delivered is the {title} addressing network, the only one that was trained."
+        return f"The ensemble has the {title} addressing network, the only one that was trained."
     return (
-        f"Delivered is the {title} addressing network, because its mean regret on validation episodes is the lowest: "
-        f"{scientific(regrets[variant])} ({'; '.join(others)}). The test episodes had no part in the choice."
+        f"The ensemble has the {title} addressing network, because its mean regret on validation episodes is the "
+        f"lowest: {scientific(regrets[variant])} ({'; '.join(others)}). The test episodes had no part in the choice."
     )
 
 

@@ -27,7 +27,7 @@ def write(subject: Subject, target: Path) -> Written:
     origin = origin_of(subject, trained, features, LIBRARIES)
     paper = PAPER[subject.params.paper] if subject.params.paper else None
     report = write_account(account(results, origin, paper), results, origin, subject, target)
-    model = PortableDynamics(AddressedDynamics(features, trained.ensemble.stack, trained.addressing.stack))
+    model = PortableDynamics(AddressedDynamics.load(subject.models))
     example = _input_example(results.arrays, features.history)
     return Written(headline(results, paper), report.verdict, (model, example))
 

@@ -29,13 +29,13 @@ def recipes_table(evaluation: Evaluation, own: Recipe) -> Table | None:
 
     Args:
         evaluation: what was measured.
-        own: the recipe of the delivered model.
+        own: the recipe of the ensemble.
     """
     other = evaluation.other_recipe
     if other is None:
         return None
     (theirs,) = evaluation.baseline(other.name)
-    ours = f"{_own_title(other.name)}, delivered"
+    ours = f"{_own_title(other.name)}, chosen"
     columns = {
         ours: _settings(own, other.recipe) | _figures(evaluation, evaluation.own, evaluation.specialisation, own),
         TITLES[other.name]: _settings(other.recipe, own) | _figures(evaluation, theirs, other.specialisation, own),
@@ -46,8 +46,8 @@ def recipes_table(evaluation: Evaluation, own: Recipe) -> Table | None:
     caption = (
         f"Both recipes from one seed each, first where their settings differ, then what came of them on the same "
         f"{evaluation.test.transitions:,} held-out transitions and in the same rollouts. Agreement: share of the "
-        f"points whose selected network has the lowest loss. The delivered model has {variant} addressing, the other "
-        "plain addressing."
+        f"points whose selected network has the lowest loss. The ensemble with the chosen recipe has {variant} "
+        "addressing, the other plain addressing."
     )
     return Table(caption, (Column("", numeric=False), *(Column(title, numeric=False) for title in titles)), rows)
 

@@ -19,7 +19,7 @@ from addressed_dynamics.reporting.transitions.recorded import DataResult
 
 @dataclass(frozen=True)
 class Arrays:
-    """arrays.npz: what the figures show of the delivered model."""
+    """arrays.npz: what the figures show of the addressed ensemble."""
 
     observation: Float[np.ndarray, "sample observation"]
     """States of the test transitions, in the environment's units."""

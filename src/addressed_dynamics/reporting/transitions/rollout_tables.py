@@ -15,7 +15,7 @@ from addressed_dynamics.evaluation.transitions.records import (
     RolloutSource,
     SimulationResult,
 )
-from addressed_dynamics.evaluation.transitions.rollouts import LEFT_BOUNDS_TOLERANCE
+from addressed_dynamics.evaluation.transitions.rollouts import FLOWN_WIDTHS, LEFT_BOUNDS_TOLERANCE
 from addressed_dynamics.reporting.common.blocks import Column, Row, Table
 from addressed_dynamics.reporting.common.numbers import MISSING, listed, percent, scientific, significant
 from addressed_dynamics.reporting.transitions.paper import PaperFigures
@@ -43,16 +43,18 @@ def _rollout_table(evaluation: Evaluation, paper: PaperFigures | None, groups: l
     else:
         columns += [Column(name, "median MSE") for name in names]
     columns += [Column("leave the bounds")] if bounded else []
+    counted = own is not None and own.flown_off_share is not None and groups[0] == "all"
+    columns += [Column("fly off")] if counted else []
     rows = []
     if paper and paper.rollouts and groups[0] == "all":
         cells = [_paper_mse(paper, name) if group == "all" else "" for name in names for group in groups]
-        rows.append(Row(("the paper, one rollout figure", *cells, *([""] if bounded else [])), "reference"))
+        rows.append(Row(("the paper, one rollout figure", *cells, *[""] * (bounded + counted)), "reference"))
     for name, candidate in evaluation.candidates.items():
         if candidate.rollouts is None:
             continue
         cells = [median_mse(candidate.rollouts.groups[group], each) for each in names for group in groups]
-        left = candidate.rollouts.left_bounds_share
-        cells += [] if left is None or not bounded else ["0" if left == 0 else percent(left)]
+        shares = [candidate.rollouts.left_bounds_share] * bounded + [candidate.rollouts.flown_off_share] * counted
+        cells += ["0" if share == 0 else percent(share) for share in shares if share is not None]
         rows.append(Row((candidate.label, *cells), row_kind(name)))
     of_group = "" if "all" in groups else f", those from segment {group_title(groups[0])} alone"
     caption = (
@@ -63,6 +65,11 @@ def _rollout_table(evaluation: Evaluation, paper: PaperFigures | None, groups: l
         caption += (
             "; and the share of rollouts in which a predicted state leaves the bounds by more than "
             f"{percent(LEFT_BOUNDS_TOLERANCE, 0)} of their range"
+        )
+    if counted:
+        caption += (
+            "; and the share of rollouts that fly off: a predicted state lies outside of the range of the training "
+            f"data by more than {FLOWN_WIDTHS:g} times its width, or is no number"
         )
     return Table(f"{caption}.", tuple(columns), tuple(rows))
 
@@ -134,7 +141,7 @@ def _physics_table(
 
 
 def lost_sentence(evaluation: Evaluation, physics: RolloutPhysics) -> str:
-    """Say when the delivered model loses the truth, beside two true simulations; empty if it was not measured."""
+    """Say when the addressed ensemble loses the truth, beside two true simulations; empty if it was not measured."""
     end = evaluation.rollouts.steps * physics.step_seconds
     own = evaluation.own.rollouts.all.physics if evaluation.own.rollouts else None
     twin = physics.simulations[TWIN].all.physics

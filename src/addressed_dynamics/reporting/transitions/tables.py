@@ -73,7 +73,7 @@ def _bound(bound: float | None) -> str:
 
 
 def paper_table(evaluation: Evaluation, paper: PaperFigures | None) -> Table:
-    """Return the delivered model's Table 1, beside the paper's if there is one."""
+    """Return the addressed ensemble's Table 1, beside the paper's if there is one."""
     columns = (
         Column("Network", numeric=False),
         Column("selected", "mean loss, 10⁻⁶"),
@@ -98,9 +98,9 @@ def paper_table(evaluation: Evaluation, paper: PaperFigures | None) -> Table:
     where = "here, network" if rows else "network"
     rows += [_member_row(f"{where} {k}", member) for k, member in enumerate(evaluation.table.members, start=1)]
     which = (
-        "Table 1 of the paper, and the same for the delivered model"
+        "Table 1 of the paper, and the same for the addressed ensemble"
         if paper and paper.networks
-        else "The delivered model"
+        else "The addressed ensemble"
     )
     caption = (
         f"{which} (seed {evaluation.delivered.seed}, "
@@ -142,7 +142,7 @@ def variants_table(evaluation: Evaluation) -> Table:
     caption = (
         "The paper's addressing network (plain cross-entropy) and the cost-sensitive one, on the same held-out "
         "transitions. Agreement: share for which the best network is selected. Regret: loss of the selected network "
-        "minus loss of the best, over all transitions. The delivered one stands out."
+        "minus loss of the best, over all transitions. The one that the report is about stands out."
     )
     return Table(caption, columns, tuple(rows))
 
@@ -158,7 +158,7 @@ def confusion_table(table: AddressingResult) -> Table:
     members = range(1, len(table.members) + 1)
     columns = (Column("Best", numeric=False), *(Column(f"network {k}", "selected") for k in members))
     rows = [Row((f"network {k}", *map(count, row))) for k, row in zip(members, table.confusion, strict=True)]
-    caption = f"Confusion of the delivered addressing network: counts of {table.samples:,} held-out transitions."
+    caption = f"Confusion of the addressing network: counts of {table.samples:,} held-out transitions."
     return Table(caption, columns, tuple(rows))
 
 

@@ -1,4 +1,4 @@
-"""What the paper reports, as targets, and whether the delivered model reaches them."""
+"""What the paper reports, as targets, and whether the addressed ensemble reaches them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from addressed_dynamics.reporting.transitions.paper import AngleFigures, PaperFi
 
 
 def judge_targets(evaluation: Evaluation, paper: PaperFigures, *, transitions: int) -> tuple[Target, ...]:
-    """Hold the delivered model against what the paper reports.
+    """Hold the addressed ensemble against what the paper reports.
 
     Args:
         evaluation: what was measured.
@@ -37,12 +37,12 @@ def targets_caption(paper: PaperFigures | None, transitions: int) -> str:
     """Return what the table of targets shows, with so many recorded transitions."""
     if paper is None or paper.angles is None:
         return (
-            "What the paper reports, as targets for the delivered model on held-out episodes. The paper gives one "
+            "What the paper reports, as targets for the addressed ensemble on held-out episodes. The paper gives one "
             "rollout figure for each dimension; that of the velocity is held against rollouts without wall contact, "
             "because a contact one step late costs more than a whole rollout without one."
         )
     return (
-        "Targets for the delivered model on held-out episodes, beside what the paper reports. The paper does not "
+        "Targets for the addressed ensemble on held-out episodes, beside what the paper reports. The paper does not "
         "say whether its errors are squared or absolute; both are given (MSE, MAE). "
         f"{_scale(paper.angles, transitions)}"
     )

@@ -7,11 +7,13 @@ from statistics import mean
 
 from addressed_dynamics.evaluation.common.sizes import total_size
 from addressed_dynamics.evaluation.transitions.records import (
+    ADDRESSED,
     REFERENCES,
     AddressingResult,
     Evaluation,
     Recommendation,
 )
+from addressed_dynamics.evaluation.transitions.rollouts import FLOWN_WIDTHS
 from addressed_dynamics.reporting.common.comparison import MARGIN
 from addressed_dynamics.reporting.common.figures.style import model_style
 from addressed_dynamics.reporting.common.numbers import (
@@ -32,45 +34,61 @@ from addressed_dynamics.reporting.transitions.targets import separation
 
 
 def verdict(evaluation: Evaluation, targets: Sequence[Target], paper: PaperFigures | None) -> str:
-    """Return the result in a few sentences, the first of which says which model to use."""
-    sentences = [_recommended(evaluation.recommendation)] if evaluation.recommendation else []
+    """Return the result in a few sentences, the first of which says which model is delivered, and why."""
+    sentences = [_delivered(evaluation)]
     what = "figures taken from the paper" if paper and paper.table else "targets"
     if targets:
-        sentences.append(f"The model reaches {reached_words(targets, what)}.")
+        sentences.append(f"The addressed ensemble reaches {reached_words(targets, what)}.")
     single = evaluation.baseline("total_parameters")
     if single:
-        subject = "It" if targets else "The model"
+        subject = "It" if targets else "The addressed ensemble"
         relation = beats(compare(evaluation.own_seeds, single))
         sentences.append(
             f"{subject} {relation} one network of {total_size(single[0].parameters, evaluation.own.parameters)}, "
             "trained for as many updates."
         )
-    return " ".join(sentences) or "There is nothing to hold the model against."
+    return " ".join(sentences)
 
 
-def _recommended(recommendation: Recommendation) -> str:
-    """Return which model to use, and what it reaches on validation episodes."""
-    scores, name = recommendation.scores, recommendation.candidate
-    best, own = scores[name], scores["ensemble/argmax"]
+def _delivered(evaluation: Evaluation) -> str:
+    """Return which model is delivered and why, and what the best reaches on validation episodes."""
+    found, why = evaluation.recommendation, evaluation.choice.why
+    asked = "Delivered is the addressed ensemble, as the params file asks"
+    if found is None:
+        unmeasured = "Delivered is the addressed ensemble, for there are no validation episodes to choose by"
+        return f"{asked if why == 'asked' else unmeasured}."
+    best, label = found.scores[found.candidate], _named(found.label)
     reached = (
         f"on validation episodes its error is {significant(best.one_step_percent, 2)} % of the range after a step, and "
         f"its rollouts keep it below 10 % for {significant(best.horizon_seconds, 3)} s"
     )
-    if not recommendation.beats_references:
-        return f"Use {recommendation.label}, for no trained model is worth more: {reached}."
-    better = _better_in_a_step(recommendation)
-    if name == "ensemble/argmax":
-        return f"Use the addressed ensemble: {reached}.{better}"
-    label = recommendation.label
-    which = f"the {label}" if label.startswith("ensemble") else label
-    return (
-        f"Use {which} (candidate='recommended'): {reached}, where the addressed ensemble has "
-        f"{significant(own.one_step_percent, 2)} % and {significant(own.horizon_seconds, 3)} s.{better}"
-    )
+    if found.candidate == ADDRESSED:
+        first = f"{asked}, and it is the best" if why == "asked" else "Delivered is the addressed ensemble, the best"
+        return f"{first}: {reached}{_better_in_a_step(found)}."
+    beside = ""
+    if own := found.scores.get(ADDRESSED):
+        beside = (
+            f", where the addressed ensemble has {significant(own.one_step_percent, 2)} % and "
+            f"{significant(own.horizon_seconds, 3)} s"
+        )
+    none_better = "" if found.beats_references else ", for no trained model is worth more"
+    if why == "asked":
+        return (
+            f"{asked}, but load {label} (candidate='recommended'){none_better}: {reached}{beside}"
+            f"{_better_in_a_step(found)}."
+        )
+    if none_better:
+        return f"Delivered is {label}{none_better}: {reached}{beside}."
+    return f"Delivered is {label}, the best: {reached}{beside}{_better_in_a_step(found)}."
+
+
+def _named(label: str) -> str:
+    """Return what a candidate is called inside a sentence."""
+    return f"the {label}" if label.startswith("ensemble") else label
 
 
 def _better_in_a_step(recommendation: Recommendation) -> str:
-    """Return a sentence if a reference is better one step ahead than the recommended model; else nothing."""
+    """Return half a sentence if a reference is better one step ahead than the recommended model; else nothing."""
     own = recommendation.scores[recommendation.candidate]
     references = {name: score for name, score in recommendation.scores.items() if name.partition("/")[0] in REFERENCES}
     if not references:
@@ -80,12 +98,12 @@ def _better_in_a_step(recommendation: Recommendation) -> str:
     if own.one_step_percent <= best.one_step_percent:
         return ""
     title, _ = model_style(name)
-    return (
-        f" One step ahead {title} is better ({significant(best.one_step_percent, 2)} %), but lost after "
-        f"{significant(best.horizon_seconds, 3)} s."
+    lost = (
+        f", but lost after {significant(best.horizon_seconds, 3)} s"
         if best.horizon_seconds < own.horizon_seconds
-        else f" One step ahead {title} is better ({significant(best.one_step_percent, 2)} %)."
+        else ""
     )
+    return f"; one step ahead {title} is better ({significant(best.one_step_percent, 2)} %){lost}"
 
 
 def findings(evaluation: Evaluation, paper: PaperFigures | None) -> tuple[str, ...]:
@@ -96,7 +114,7 @@ def findings(evaluation: Evaluation, paper: PaperFigures | None) -> tuple[str, .
         paper: what the paper reports on this experiment; None if nothing.
     """
     own = evaluation.own_seeds
-    sentences = [_one_step(evaluation)]
+    sentences = [*_of_delivered(evaluation), _one_step(evaluation)]
     if paper and paper.angles:
         sentences.append(_angles(evaluation, paper.angles))
     sentences += [_specialisation(evaluation.table), _addressing(evaluation)]
@@ -108,6 +126,7 @@ def findings(evaluation: Evaluation, paper: PaperFigures | None) -> tuple[str, .
         )
     if evaluation.own.rollouts is not None:
         sentences.append(_rollouts(evaluation))
+    sentences += _flown_off(evaluation)
     sentences += baseline_findings(evaluation, paper)
     if len(own) > 1:
         means = [candidate.one_step.scaled.mean for candidate in own]
@@ -121,6 +140,18 @@ def findings(evaluation: Evaluation, paper: PaperFigures | None) -> tuple[str, .
             f"than {percent(MARGIN - 1, 0)}."
         )
     return tuple(sentences)
+
+
+def _of_delivered(evaluation: Evaluation) -> list[str]:
+    """Return what the delivered model reaches on held-out episodes, if it is not the ensemble the rest is about."""
+    if evaluation.choice.candidate == ADDRESSED:
+        return []
+    chosen, own = evaluation.chosen, evaluation.own
+    return [
+        f"On held-out episodes {_named(chosen.label)}, which is delivered, has a mean {evaluation.loss.upper()} of "
+        f"{scientific(chosen.one_step.scaled.mean)} one step ahead, of states scaled to [0, 1]; what follows is about "
+        f"the addressed ensemble, which has {scientific(own.one_step.scaled.mean)}."
+    ]
 
 
 def _one_step(evaluation: Evaluation) -> str:
@@ -202,6 +233,18 @@ def _rollouts(evaluation: Evaluation) -> str:
     physics = evaluation.rollouts.physics
     lost = f" {lost_sentence(evaluation, physics)}" if physics else ""
     return f"In {number}{which} the median MSE is {listed(parts)}{_leaving(rollouts.left_bounds_share)}.{lost}"
+
+
+def _flown_off(evaluation: Evaluation) -> list[str]:
+    """Say how many rollouts of the delivered model fly off, if any does."""
+    chosen = evaluation.chosen
+    if chosen.rollouts is None or not chosen.rollouts.flown_off_share:
+        return []
+    share = percent(chosen.rollouts.flown_off_share)
+    return [
+        f"Of the rollouts of {_named(chosen.label)}, which is delivered, {share} fly off: a state gets outside of the "
+        f"range of the training data by more than {FLOWN_WIDTHS:g} times its width, or is no number any more."
+    ]
 
 
 def _leaving(share: float | None) -> str:

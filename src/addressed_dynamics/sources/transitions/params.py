@@ -137,6 +137,10 @@ class EvaluationParams(Section):
             raise ValueError(message)
         return self
 
+    deliver: Literal["best", "addressed"] = "best"
+    """Which model is delivered: the `best` on validation episodes, of all that were trained or are references, or the
+    `addressed` ensemble, which is the default where there is a `paper`."""
+
 
 class TransitionsRecipe(RecipeChanges):
     """In what the paper's recipe differs, also of angles (Section 3.3)."""
@@ -167,6 +171,16 @@ class ExperimentParams(Section):
     addressing: AddressingParams = AddressingParams()
     baselines: BaselinesParams = BaselinesParams()
     evaluation: EvaluationParams = EvaluationParams()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _delivers_what_the_paper_is_about(cls, section: Any) -> Any:
+        if not isinstance(section, dict) or section.get("paper") is None:
+            return section
+        evaluation = section.get("evaluation", {})
+        return section | (
+            {"evaluation": {"deliver": "addressed", **evaluation}} if isinstance(evaluation, dict) else {}
+        )
 
     @model_validator(mode="after")
     def _has_one_origin(self) -> ExperimentParams:

@@ -112,8 +112,8 @@ def ensemble_training(curves: Mapping[str, Columns], words: Words = OF_STATES) -
         for name, draw in drawings.items()
     )
     caption = (
-        "Phase 1, epoch by epoch (delivered seed; others in light grey). Training: mean loss of each network on its "
-        f"own bin. Validation: under each sample's best network; then each network apart, on the samples for which it "
+        "Phase 1, epoch by epoch (the report's seed; others in light grey). Training: mean loss of each network on its "
+        "own bin. Validation: under each sample's best network; then each network apart, on the samples for which it "
         f"is the best (solid) and on the others (dotted). All losses are of {words.scaled}. Last: share of training "
         "samples whose bin is another than in the epoch before."
     )

@@ -19,7 +19,7 @@ from matplotlib.ticker import FuncFormatter, LogFormatter, NullFormatter, NullLo
 from addressed_dynamics.reporting.common.blocks import Panel
 
 INK = "#222222"
-"""Text, the truth, and the delivered model."""
+"""Text, the truth, and the addressed ensemble."""
 FAINT = "#8c8c8c"
 """What stands back."""
 MEMBERS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#8a7a00", "#5a5a5a")

@@ -136,7 +136,7 @@ _GROUPS = {"all": "", "no_wall": "without wall contact", "wall": "with wall cont
 
 
 def error_against_horizon(horizon: Mapping[str, Columns], dimensions: Sequence[Dimension]) -> Figure:
-    """Draw the squared error of rollouts against their length, for the delivered model and one of each baseline."""
+    """Draw the squared error of rollouts against their length, for the addressed ensemble and one of each baseline."""
     shown = first_of_each(horizon)
 
     def draw(axes: Axes, dimension: Dimension) -> None:
@@ -164,8 +164,8 @@ def error_against_horizon(horizon: Mapping[str, Columns], dimensions: Sequence[D
     )
     caption = (
         "Error against horizon in free-running rollouts: median over all rollouts (line) and 10th to 90th percentile "
-        "(band, for the ensemble and the one network of as many parameters), in the units of the state. The delivered "
-        "model and one of each baseline."
+        "(band, for the ensemble and the one network of as many parameters), in the units of the state. The addressed "
+        "ensemble and one of each baseline."
     )
     return Figure(caption, panels)
 
@@ -176,7 +176,7 @@ def _squared(dimension: Dimension) -> str:
 
 
 def first_of_each(horizon: Mapping[str, Columns]) -> dict[str, Columns]:
-    """Return the delivered model and one of each baseline: what a figure of curves has room for."""
+    """Return the addressed ensemble and one of each baseline: what a figure of curves has room for."""
     shown: dict[str, Columns] = {}
     seen: set[str] = set()
     for name, columns in horizon.items():

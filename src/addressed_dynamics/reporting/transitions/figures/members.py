@@ -44,7 +44,7 @@ def loss_profiles(arrays: Arrays) -> Figure | None:
     if members < 2:
         return None
     pair = _Pair.of_small_ensemble(arrays) if members > 2 else None
-    pair = pair or _Pair.of_delivered(arrays)
+    pair = pair or _Pair.of_addressed(arrays)
     first, second = pair.members
     rows = thinned(len(pair.colour), MOST_POINTS)
     profiles = {"before": pair.untrained, "after": pair.trained}
@@ -97,8 +97,8 @@ class _Pair:
     """What the caption says of the ensemble."""
 
     @staticmethod
-    def of_delivered(arrays: Arrays) -> _Pair:
-        """Return the members that the delivered model selects most often."""
+    def of_addressed(arrays: Arrays) -> _Pair:
+        """Return the members that the ensemble selects most often."""
         popularity = np.bincount(arrays.chosen, minlength=len(arrays.profile))
         first, second = sorted(np.argsort(-popularity, kind="stable")[:2].tolist())
         both = [first, second]
