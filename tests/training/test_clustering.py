@@ -1,4 +1,6 @@
+import math
 import random
+from fractions import Fraction
 
 import pytest
 import torch
@@ -9,10 +11,11 @@ from addressed_dynamics.base.errors import TrainingError
 from addressed_dynamics.training.clustering import assign_to_bins
 
 
-def assign_one_by_one(losses: torch.Tensor) -> list[int]:
-    """Transcribe Algorithm 1 as the paper prints it: the oracle."""
+def assign_one_by_one(losses: torch.Tensor, most: int | None = None) -> list[int]:
+    """Transcribe Algorithm 1 as the paper prints it, or with bins of at most so many samples: the oracle."""
     samples, members = losses.shape
     room = [samples // members + (member < samples % members) for member in range(members)]
+    room = room if most is None else [most] * members
     norms, profiles = torch.linalg.vector_norm(losses, dim=1).tolist(), losses.tolist()
     assigned = [-1] * samples
     for sample in sorted(range(samples), key=lambda s: -norms[s]):
@@ -58,6 +61,29 @@ def test_bins_differ_by_at_most_one_and_no_sample_is_dropped(losses: torch.Tenso
     counts = torch.bincount(assign_to_bins(losses), minlength=losses.shape[1])
     assert counts.sum() == len(losses)
     assert counts.max() - counts.min() <= 1
+
+
+PERCENT = st.integers(1, 700)
+
+
+@given(profiles(levels=3), PERCENT)
+def test_with_slack_it_equals_the_naive_loop_with_larger_bins(losses: torch.Tensor, percent: int) -> None:
+    samples, members = losses.shape
+    most = math.ceil(Fraction(100 + percent, 100) * samples / members)
+    assigned = assign_to_bins(losses, percent / 100)
+    assert assigned.tolist() == assign_one_by_one(losses, most)
+    assert (torch.bincount(assigned, minlength=members) <= most).all()
+
+
+@given(profiles(levels=3))
+def test_with_room_for_all_in_every_bin_each_sample_goes_to_its_best_member(losses: torch.Tensor) -> None:
+    assert torch.equal(assign_to_bins(losses, losses.shape[1] - 1.0), losses.argmin(dim=1))
+
+
+def test_a_bin_takes_a_tenth_more_and_not_one_sample_beyond() -> None:
+    losses = torch.tensor([[0.0, 1.0]]).expand(20, 2)
+    assert torch.bincount(assign_to_bins(losses)).tolist() == [10, 10]
+    assert torch.bincount(assign_to_bins(losses, 0.1)).tolist() == [11, 9]
 
 
 @given(profiles(), st.integers(0, 1000))

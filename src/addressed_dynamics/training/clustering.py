@@ -1,5 +1,8 @@
 """Algorithm 1 of the paper: give every sample to one subnetwork, by loss, in equally large bins."""
 
+import math
+from fractions import Fraction
+
 import torch
 from jaxtyping import Bool, Float, Int32, Int64
 from torch import Tensor
@@ -7,7 +10,7 @@ from torch import Tensor
 from addressed_dynamics.base.errors import TrainingError
 
 
-def assign_to_bins(losses: Float[Tensor, "sample member"]) -> Int64[Tensor, " sample"]:
+def assign_to_bins(losses: Float[Tensor, "sample member"], slack: float = 0.0) -> Int64[Tensor, " sample"]:
     """Assign each sample to a member so that all bins hold N/n samples (the paper, Section 2, Algorithm 1).
 
     Samples are taken in descending L2 norm of their loss profile (equal norms: in the order given). Each goes to its
@@ -15,11 +18,15 @@ def assign_to_bins(losses: Float[Tensor, "sample member"]) -> Int64[Tensor, " sa
     does not divide: here the first N mod n members take one sample more, and none is dropped. The printed listing
     loops `while len(Ls) < 0`; it means: until the list is empty.
 
+    With slack (the paper has none) a bin has room for ceil((1 + slack) N/n) samples: from n - 1 on, all samples
+    find room with their best member.
+
     Works in at most n phases instead of N steps: as long as no bin fills up, every remaining sample's choice is known
     at once. A phase ends at the first sample that finds its bin full; that bin is closed, and the rest choose again.
 
     Args:
         losses: loss profile of each sample: its loss under each member, in any unit, finite.
+        slack: share by which a bin may be larger than N/n.
 
     Returns:
         The member each sample is assigned to, in 0..n-1, on the device of `losses`.
@@ -38,8 +45,7 @@ def assign_to_bins(losses: Float[Tensor, "sample member"]) -> Int64[Tensor, " sa
     # this order: gathering the losses themselves costs more than the sort, unless few samples are left.
     left = torch.argsort(torch.linalg.vector_norm(losses, dim=1), descending=True, stable=True)
     columns, places = losses.T.contiguous(), left
-    room = torch.full((members,), samples // members, dtype=torch.int64)
-    room[: samples % members] += 1
+    room = _room(samples, members, slack)
     closed = room == 0
     assigned = torch.empty(samples, dtype=torch.int64, device=losses.device)
     while len(left):
@@ -53,6 +59,16 @@ def assign_to_bins(losses: Float[Tensor, "sample member"]) -> Int64[Tensor, " sa
         if full is not None:
             closed[full] = True
     return assigned
+
+
+def _room(samples: int, members: int, slack: float) -> Int64[Tensor, " member"]:
+    """Return how many samples the bin of each member may take."""
+    if slack:
+        # The slack as it was written: 10 samples and 0.1 more are 11, which they are not in float64.
+        return torch.full((members,), math.ceil((1 + Fraction(str(slack))) * samples / members), dtype=torch.int64)
+    room = torch.full((members,), samples // members, dtype=torch.int64)
+    room[: samples % members] += 1
+    return room
 
 
 def _lowest_open(columns: Float[Tensor, "member sample"], closed: Bool[Tensor, " member"]) -> Int32[Tensor, " sample"]:

@@ -125,7 +125,7 @@ def train_ensemble(
         stack, previous = trainer.stack, bins
         if binning != "random" and epoch <= params.cluster_epochs:
             profiles = evaluate_profiles(stack, train, params.loss)
-            bins = assign_to_bins(profiles) if binning == "equal" else profiles.argmin(dim=1)
+            bins = assign_to_bins(profiles, params.slack) if binning == "equal" else profiles.argmin(dim=1)
         rate = trainer.learning_rate
         passed = islice(batches(bins, members, params.batch_size, generator), length.updates_in(epoch))
         horizon = horizon_in(epoch - search, length.epochs - search, params.horizon)

@@ -43,6 +43,8 @@ class EnsembleParams(Section):
     them in the second half."""
     cluster_epochs: Count = 3
     """Bins are made anew in the first so many epochs and kept after that; `all` of them is the paper's way."""
+    slack: Annotated[float, Field(ge=0.0)] = 0.0
+    """Share by which a bin may be larger than an equal part of the samples; 0 is Algorithm 1, the paper's way."""
     restart: bool = False
     """Whether the networks start again, untrained, when the bins are kept: they then see nothing but their own bins."""
 
@@ -207,6 +209,7 @@ class RecipeChanges(Section):
             "loss": "mae",
             "optimiser": PAPER_OPTIMISER,
             "cluster_epochs": "all",
+            "slack": 0.0,
             "restart": False,
             "linear": False,
             "weight_decay": 0.0,

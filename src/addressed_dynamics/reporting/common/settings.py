@@ -11,12 +11,13 @@ def subnetwork_words(ensemble: EnsembleParams) -> str:
 
 
 def bins_words(ensemble: EnsembleParams) -> str:
-    """Return when bins are made anew."""
+    """Return when bins are made anew, and how much larger than the others one may be, if it may."""
+    larger = f", each up to {percent(ensemble.slack, 0)} larger than an equal part" if ensemble.slack else ""
     if ensemble.cluster_epochs >= ensemble.epochs:
-        return "in every epoch"
+        return f"in every epoch{larger}"
     first = "epoch" if ensemble.cluster_epochs == 1 else f"{ensemble.cluster_epochs} epochs"
     anew = "; the networks then start again, untrained" if ensemble.restart else ""
-    return f"in the first {first}, kept after that{anew}"
+    return f"in the first {first}, kept after that{anew}{larger}"
 
 
 def addressing_words(addressing: AddressingTraining, members: int) -> str:

@@ -1,0 +1,9 @@
+from addressed_dynamics.base.params.training import EnsembleParams
+from addressed_dynamics.reporting.common.settings import bins_words
+
+
+def test_bins_that_may_be_larger_are_called_so() -> None:
+    assert bins_words(EnsembleParams(cluster_epochs=2)) == "in the first 2 epochs, kept after that"
+    assert bins_words(EnsembleParams(cluster_epochs=2, slack=0.25)) == (
+        "in the first 2 epochs, kept after that, each up to 25\u202f% larger than an equal part"
+    )
