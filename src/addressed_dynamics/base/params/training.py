@@ -7,19 +7,29 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
-from addressed_dynamics.base.params.sections import Count, Dropout, OptimiserParams, Section, Seed, Share, Widths
+from addressed_dynamics.base.params.sections import (
+    Count,
+    CountOrAuto,
+    Dropout,
+    OptimiserParams,
+    Section,
+    Seed,
+    Share,
+    Widths,
+)
 
 Activation = Literal["relu", "tanh", "elu"]
 Loss = Literal["mse", "mae", "mae+mse"]
 
 
-class EnsembleParams(Section):
-    """Phase 1: Algorithm 1 and the subnetworks."""
+class EnsembleSection(Section):
+    """Phase 1: Algorithm 1 and the subnetworks, of which there may be as many as validation says."""
 
     seeds: Annotated[tuple[Seed, ...], Field(min_length=1)] = (0, 1)
     """One ensemble is trained from each seed; the first is the one that is delivered."""
-    members: Count = 2
-    """Number of subnetworks, n in the paper."""
+    members: CountOrAuto = 2
+    """Number of subnetworks, n in the paper; `auto`: of 1, 2, 4 and 8 the smallest that is about as good as the best on
+    validation samples, after a brief training."""
     hidden: Widths = (128, 128)
     """Widths of the hidden layers."""
     activation: Activation = "relu"
@@ -56,7 +66,7 @@ class EnsembleParams(Section):
         return section
 
     @model_validator(mode="after")
-    def _restarts_before_the_end(self) -> EnsembleParams:
+    def _restarts_before_the_end(self) -> EnsembleSection:
         if self.restart and self.cluster_epochs >= self.epochs:
             message = (
                 f"with restart, cluster_epochs should be below epochs, or nothing is trained after it, but they are "
@@ -66,11 +76,21 @@ class EnsembleParams(Section):
         return self
 
     @model_validator(mode="after")
-    def _drops_nothing_on_the_way(self) -> EnsembleParams:
+    def _drops_nothing_on_the_way(self) -> EnsembleSection:
         if self.horizon > 1 and self.dropout:
             message = f"with a horizon of {self.horizon} steps dropout should be 0, but it is {self.dropout:g}"
             raise ValueError(message)
         return self
+
+    def with_members(self, members: int) -> EnsembleParams:
+        """Return how an ensemble of so many subnetworks is trained."""
+        return EnsembleParams.model_validate(self.model_dump() | {"members": members})
+
+
+class EnsembleParams(EnsembleSection):
+    """How an ensemble is trained: phase 1 with a number of subnetworks."""
+
+    members: Count = 2
 
 
 class AddressingTraining(Section):
