@@ -9,6 +9,9 @@ from torch import Tensor
 
 from addressed_dynamics.base.errors import TrainingError
 
+SINKHORN_ROUNDS = 30
+"""Rounds in which drawn bins become equally large."""
+
 
 def assign_to_bins(losses: Float[Tensor, "sample member"], slack: float = 0.0) -> Int64[Tensor, " sample"]:
     """Assign each sample to a member so that all bins hold N/n samples (the paper, Section 2, Algorithm 1).
@@ -34,12 +37,7 @@ def assign_to_bins(losses: Float[Tensor, "sample member"], slack: float = 0.0) -
     Raises:
         TrainingError: `losses` is not a matrix with at least one member, or holds a value that is not finite.
     """
-    if losses.ndim != 2 or losses.shape[1] == 0:
-        message = f"losses should have shape (samples, members >= 1), but have shape {tuple(losses.shape)}"
-        raise TrainingError(message)
-    if not torch.isfinite(losses).all():
-        message = "a loss profile has a value that is not finite: lower the learning rate or check the data"
-        raise TrainingError(message)
+    _check(losses)
     samples, members = losses.shape
     # What is left to assign, hardest first. Choices are made where the losses lie and only their labels are gathered in
     # this order: gathering the losses themselves costs more than the sort, unless few samples are left.
@@ -59,6 +57,42 @@ def assign_to_bins(losses: Float[Tensor, "sample member"], slack: float = 0.0) -
         if full is not None:
             closed[full] = True
     return assigned
+
+
+def draw_bins(
+    losses: Float[Tensor, "sample member"], temperature: float, generator: torch.Generator
+) -> Int64[Tensor, " sample"]:
+    """Draw a member for each sample, the more often the lower its loss, so that every bin has about N/n samples.
+
+    Sample i goes to member k with a probability in proportion to c[k] * losses[i, k]**(-1 / temperature). The c are
+    such that these probabilities add up to N/n for every member (Sinkhorn). As the temperature falls to 0, every sample
+    has one member left, as in the optimal assignment that Algorithm 1 comes near to.
+
+    Args:
+        losses: loss profile of each sample, in any unit, finite.
+        temperature: above 0.
+        generator: what draws.
+
+    Raises:
+        TrainingError: as in `assign_to_bins`.
+    """
+    _check(losses)
+    samples, members = losses.shape
+    scores = losses.double().clamp(min=torch.finfo(torch.float32).tiny).log() / -temperature
+    balance = torch.zeros(members, dtype=torch.float64)
+    for _ in range(SINKHORN_ROUNDS):
+        taken = torch.logsumexp(torch.log_softmax(scores + balance, dim=1), dim=0)
+        balance += math.log(samples / members) - taken
+    return torch.multinomial(torch.softmax(scores + balance, dim=1), 1, generator=generator).squeeze(1)
+
+
+def _check(losses: Float[Tensor, "sample member"]) -> None:
+    if losses.ndim != 2 or losses.shape[1] == 0:
+        message = f"losses should have shape (samples, members >= 1), but have shape {tuple(losses.shape)}"
+        raise TrainingError(message)
+    if not torch.isfinite(losses).all():
+        message = "a loss profile has a value that is not finite: lower the learning rate or check the data"
+        raise TrainingError(message)
 
 
 def _room(samples: int, members: int, slack: float) -> Int64[Tensor, " member"]:

@@ -55,6 +55,12 @@ class EnsembleSection(Section):
     """Bins are made anew in the first so many epochs and kept after that; `all` of them is the paper's way."""
     slack: Annotated[float, Field(ge=0.0)] = 0.0
     """Share by which a bin may be larger than an equal part of the samples; 0 is Algorithm 1, the paper's way."""
+    temperature: Annotated[float, Field(ge=0.0)] = 0.0
+    """Temperature at which the first bins are drawn, each sample's by its losses; it falls to 0, which is Algorithm 1,
+    in the last of `cluster_epochs`. 0: Algorithm 1 from the beginning, the paper's way."""
+    overlap: Share = 0.0
+    """Share of a member's batches, once the bins are kept, that are samples of other bins: of those for which it was
+    the best of the others."""
     restart: bool = False
     """Whether the networks start again, untrained, when the bins are kept: they then see nothing but their own bins."""
 
@@ -230,6 +236,8 @@ class RecipeChanges(Section):
             "optimiser": PAPER_OPTIMISER,
             "cluster_epochs": "all",
             "slack": 0.0,
+            "temperature": 0.0,
+            "overlap": 0.0,
             "restart": False,
             "linear": False,
             "weight_decay": 0.0,
