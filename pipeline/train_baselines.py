@@ -9,7 +9,7 @@ from addressed_dynamics.base.torch_runtime import prepare_torch
 from addressed_dynamics.training.baselines import plan_baselines
 from pipeline.baselines import train_baselines
 from pipeline.stage import Call, figures_dir, run_stage, tables_dir, training_processes
-from pipeline.trainings import Stage
+from pipeline.trainings import Stage, trained_members
 
 
 def main(call: Call) -> str:
@@ -19,7 +19,10 @@ def main(call: Call) -> str:
     prepare_torch(threads=1)
     data = kind.load_training_data(tables, chosen, chosen.features)
     width, samples = data.features, len(data.train)
-    plan = plan_baselines(chosen, other, width.inputs, width.outputs, samples, kind.PHASE_FEATURES)
+    members = chosen.ensemble.members
+    if members == "auto":
+        members = trained_members(call.experiment)
+    plan = plan_baselines(chosen, other, members, width.inputs, width.outputs, samples, kind.PHASE_FEATURES)
     # Most are trained on what the ensemble is: it is read once.
     own = {
         name: data

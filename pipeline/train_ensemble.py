@@ -3,6 +3,7 @@
 from addressed_dynamics.base.kinds import supplied
 from addressed_dynamics.base.params.experiments import load_experiment
 from addressed_dynamics.base.torch_runtime import prepare_torch
+from pipeline.choosing import choice_words, choose_members
 from pipeline.stage import Call, figures_dir, median_of, run_stage, tables_dir, training_processes
 from pipeline.trainings import Stage, train_ensembles
 
@@ -12,12 +13,16 @@ def main(call: Call) -> str:
     sections, kind = load_experiment(call.params_file, call.experiment, call.kind), supplied("features", call.kind)
     prepare_torch(threads=1)
     data = kind.load_training_data(tables_dir(call.experiment), sections, sections.features)
-    recipe = {name: getattr(sections, name).model_dump(mode="json") for name in ("features", "ensemble")}
     stage = Stage("train_ensemble", call.experiment, call.params_file, training_processes())
-    results = train_ensembles(stage, data, sections.ensemble, recipe)
+    params, members = choose_members(stage, data, sections.ensemble)
+    choices = {**data.choices, **({"members": members} if members else {})}
+    features = sections.features.model_dump(mode="json") | {name: each.chosen for name, each in data.choices.items()}
+    recipe = {"features": features, "ensemble": params.model_dump(mode="json")}
+    results = train_ensembles(stage, data, params, recipe, choices)
+    chosen = "".join(f"{choice_words(name, choice)} on validation samples; " for name, choice in choices.items())
     loss = median_of(results, "loss/validation")
-    epochs = f"{'at most ' if sections.ensemble.early_stopping else ''}{sections.ensemble.epochs} epochs"
-    return f"validation loss {loss} after {epochs}; {figures_dir(call.experiment, 'ensemble')}"
+    epochs = f"{'at most ' if params.early_stopping else ''}{params.epochs} epochs"
+    return f"{chosen}validation loss {loss} after {epochs}; {figures_dir(call.experiment, 'ensemble')}"
 
 
 if __name__ == "__main__":

@@ -11,10 +11,11 @@ import torch
 from torch import Tensor
 
 from addressed_dynamics import tracking
+from addressed_dynamics.base.errors import ModelError
 from addressed_dynamics.base.files import atomic_path, write_json, write_rows
 from addressed_dynamics.base.params.training import AddressingParams, AddressingTraining, EnsembleParams
 from addressed_dynamics.features.common.samples import Samples, Windows, fingerprint
-from addressed_dynamics.features.common.training_data import Features, TrainingData
+from addressed_dynamics.features.common.training_data import Choice, Features, TrainingData
 from addressed_dynamics.networks.files import SavedNetwork, read_index, save_network
 from addressed_dynamics.tracking import Run
 from addressed_dynamics.training.addressing import confusion_matrix, train_addressing
@@ -25,6 +26,9 @@ from addressed_dynamics.training.estimates import all_done, in_words, seconds_pe
 from addressed_dynamics.training.jobs import Job, run_jobs
 from addressed_dynamics.training.losses import reported_loss
 from pipeline.stage import checkpoints_dir, figures_dir, models_dir, progress, say, tables_dir
+
+NOTHING_TO_CHOOSE = {"hidden": (), "heads": (), "epochs": 1, "variants": ("plain",), "deliver": "plain"}
+"""How the addressing network of a single subnetwork is trained: there is one, as for any ensemble, but the smallest."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +117,11 @@ def remove_checkpoints(jobs: Mapping[str, TrackedJob]) -> None:
 
 
 def train_ensembles(
-    stage: Stage, data: TrainingData[Features], params: EnsembleParams, recipe: Mapping[str, Any]
+    stage: Stage,
+    data: TrainingData[Features],
+    params: EnsembleParams,
+    recipe: Mapping[str, Any],
+    choices: Mapping[str, Choice] | None = None,
 ) -> dict[str, dict[str, float]]:
     """Train the ensembles of an experiment and write its folder `ensemble`, metrics and curves; return the metrics.
 
@@ -122,6 +130,7 @@ def train_ensembles(
         data: what they may see.
         params: how they are trained.
         recipe: all sections that the training depends on, JSON-compatible; kept with the networks.
+        choices: what was chosen on validation samples before, by key; kept with the metrics.
     """
     experiment, unit = stage.experiment, data.features.loss_unit(reported_loss(params.loss))
     seconds = ensemble_seconds(data, params)
@@ -148,9 +157,11 @@ def train_ensembles(
             results[name] = epoch.metrics
 
         rows = train_tracked(stage, jobs, finish)
-        write_json(folder / "ensemble.json", {"format": 1, "seeds": list(params.seeds)})
+        write_json(folder / "ensemble.json", {"format": 1, "seeds": list(params.seeds), "members": params.members})
     dropped = {"dropped": {split: asdict(each) for split, each in data.dropped.items()}}
-    write_json(figures_dir(experiment, "ensemble") / "ensemble.json", {name: results[name] for name in jobs} | dropped)
+    chosen = {"choices": {name: asdict(each) for name, each in choices.items()}} if choices else {}
+    figures = {name: results[name] for name in jobs} | dropped | chosen
+    write_json(figures_dir(experiment, "ensemble") / "ensemble.json", figures)
     write_rows(figures_dir(experiment, "ensemble") / "ensemble.csv", rows)
     remove_checkpoints(jobs)
     return results
@@ -181,6 +192,20 @@ def trained_ensembles(experiment: str) -> dict[int, Path]:
     return {seed: folder / f"seed-{seed}" for seed in read_index(folder, "ensemble.json")["seeds"]}
 
 
+def trained_members(experiment: str) -> int:
+    """Return the number of subnetworks that the ensembles of an experiment have.
+
+    Raises:
+        ModelError: there are none, or they are of a version that does not say it.
+    """
+    folder = models_dir(experiment) / "ensemble"
+    index = read_index(folder, "ensemble.json")
+    if "members" not in index:
+        message = f"{folder / 'ensemble.json'}: it does not say how many subnetworks it has; run train_ensemble again"
+        raise ModelError(message)
+    return int(index["members"])
+
+
 def train_addressings(
     stage: Stage,
     data: TrainingData[Features],
@@ -201,6 +226,8 @@ def train_addressings(
         The metrics of each.
     """
     experiment, members = stage.experiment, next(iter(ensembles.values())).stack.members
+    if members == 1:
+        params = params.model_copy(update=NOTHING_TO_CHOOSE)
     seconds = addressing_seconds(data, members, params)
     jobs, profiles = dict[str, TrackedJob](), dict[str, Tensor]()
     for seed, ensemble in ensembles.items():

@@ -50,6 +50,7 @@ def test_a_new_experiment_is_one_that_the_pipeline_reads_and_its_undo_leaves_not
     assert params.source.files == ("bags/*.mcap",)
     assert params.title == "Arm 2"
     assert (params.ensemble.horizon, params.ensemble.linear, params.ensemble.early_stopping) == (4, True, 15)
+    assert (params.features.history, params.ensemble.members) == ("auto", 2)
     text = (folder / "params.yaml").read_text()
     apply_overrides(folder / "params.yaml", ["arm-2.ensemble.epochs=5"])
     changed = (folder / "params.yaml").read_text().splitlines()

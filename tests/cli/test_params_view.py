@@ -27,7 +27,7 @@ def test_what_is_printed_is_a_params_file_of_the_same_experiment(
 
 def test_defaults_are_printed_with_their_meaning_also_where_a_kind_has_its_own() -> None:
     text = "\n".join(params_lines(ROOT / "params.yaml", "pfnn", None))
-    assert "    # Number of subnetworks, n in the paper.\n    members: 4\n" in text
+    assert "about as good as the best on\n    # validation samples, after a brief training.\n    members: 4\n" in text
 
 
 def test_a_file_that_names_no_kind_is_asked_for_it(tmp_path: Path) -> None:

@@ -58,10 +58,31 @@ PAPER = experiment(recipe="paper", features={"target": "absolute"})
 
 
 def planned(
-    chosen: ExperimentParams | None = None, other: ExperimentParams = PAPER, phase_features: Any = None
+    chosen: ExperimentParams | None = None,
+    other: ExperimentParams = PAPER,
+    phase_features: Any = None,
+    *,
+    members: int = 2,
 ) -> dict[str, Baseline]:
     shapes = TRAIN.x.shape[1], TRAIN.y.shape[1], len(TRAIN)
-    return plan_baselines(chosen or experiment(), other, *shapes, phase_features)
+    return plan_baselines(chosen or experiment(), other, members, *shapes, phase_features)
+
+
+def test_members_that_validation_chose_are_those_of_both_recipes_and_of_all_that_is_compared() -> None:
+    left_open = ENSEMBLE.model_dump(mode="json") | {"members": "auto"}
+    chosen, other = experiment(ensemble=left_open), experiment(ensemble=left_open, recipe="paper")
+    plan = planned(chosen, other, members=4)
+    assert {name: each.training.members for name, each in plan.items() if not name.endswith("_bins")} == {
+        "wide": 1, "narrow": 1, "total_parameters": 1, "paper_recipe": 4, PAIR: 2
+    }  # fmt: skip
+    assert plan["unequal_bins"].training.members == 4
+    four = total_parameters(chosen.ensemble.with_members(4), TRAIN.x.shape[1], TRAIN.y.shape[1], len(TRAIN))
+    assert plan["total_parameters"].training == four
+
+
+def test_the_other_recipe_keeps_a_number_of_its_own() -> None:
+    other = experiment(ensemble=ENSEMBLE.model_dump(mode="json") | {"members": 3}, recipe="paper")
+    assert planned(other=other, members=2)["paper_recipe"].training.members == 3
 
 
 @pytest.mark.parametrize("members", [2, 4, 8])
@@ -140,7 +161,7 @@ def test_an_ablation_differs_by_its_bins_alone_and_a_single_network_by_its_shape
     plan = planned(chosen)
     assert list(plan) == [*SINGLE_NETWORKS, *TRAINED[:-1], "paper_recipe", PAIR]
     for name, binning in {"unequal_bins": "lowest_loss", "random_bins": "random"}.items():
-        assert plan[name] == Baseline(chosen, CHANGE, ENSEMBLE, binning, ADDRESSING)
+        assert plan[name] == Baseline(chosen, chosen.features, ENSEMBLE, binning, ADDRESSING)
     recipes = {name: plan[name].training for name in ("wide", "narrow", "total_parameters", "same_size")}
     shapes = {name: (each.members, each.hidden, each.activation, each.batch_size) for name, each in recipes.items()}
     assert shapes["wide"] == (1, (24, 24, 24), "relu", 10)
@@ -155,9 +176,10 @@ def test_an_ablation_differs_by_its_bins_alone_and_a_single_network_by_its_shape
 
 def test_the_recipe_that_was_not_chosen_is_trained_as_it_is_with_its_own_features_and_addressing() -> None:
     default = experiment()
-    expected = Baseline(PAPER, PAPER.features, PAPER.ensemble, "equal", ADDRESSING)
+    expected = Baseline(PAPER, PAPER.features, PAPER.ensemble.with_members(2), "equal", ADDRESSING)
     assert planned(default, PAPER)["paper_recipe"] == expected
-    assert planned(PAPER, default)["default_recipe"] == Baseline(default, CHANGE, ENSEMBLE, "equal", ADDRESSING)
+    expected = Baseline(default, default.features, ENSEMBLE, "equal", ADDRESSING)
+    assert planned(PAPER, default)["default_recipe"] == expected
 
 
 def test_the_pair_is_an_ensemble_of_two_that_trains_for_epochs_of_its_own_and_starts_from_known_networks() -> None:
@@ -188,7 +210,7 @@ def test_networks_that_a_phase_mixes_need_data_with_a_phase_and_see_them_as_pfnn
         planned(chosen)
     plan = planned(chosen, phase_features="those of PFNN")
     assert (plan["phase_functioned"].features, plan["phase_functioned"].by_phase) == ("those of PFNN", True)
-    assert (plan["learned_blend"].features, plan["learned_blend"].by_phase) == (CHANGE, False)
+    assert (plan["learned_blend"].features, plan["learned_blend"].by_phase) == (chosen.features, False)
     assert plan["learned_blend"].updates == ensemble_updates(ENSEMBLE, len(TRAIN))
 
 

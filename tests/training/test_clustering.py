@@ -1,4 +1,6 @@
+import math
 import random
+from fractions import Fraction
 
 import pytest
 import torch
@@ -6,13 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from addressed_dynamics.base.errors import TrainingError
-from addressed_dynamics.training.clustering import assign_to_bins
+from addressed_dynamics.training.clustering import assign_to_bins, draw_bins
 
 
-def assign_one_by_one(losses: torch.Tensor) -> list[int]:
-    """Transcribe Algorithm 1 as the paper prints it: the oracle."""
+def assign_one_by_one(losses: torch.Tensor, most: int | None = None) -> list[int]:
+    """Transcribe Algorithm 1 as the paper prints it, or with bins of at most so many samples: the oracle."""
     samples, members = losses.shape
     room = [samples // members + (member < samples % members) for member in range(members)]
+    room = room if most is None else [most] * members
     norms, profiles = torch.linalg.vector_norm(losses, dim=1).tolist(), losses.tolist()
     assigned = [-1] * samples
     for sample in sorted(range(samples), key=lambda s: -norms[s]):
@@ -60,6 +63,29 @@ def test_bins_differ_by_at_most_one_and_no_sample_is_dropped(losses: torch.Tenso
     assert counts.max() - counts.min() <= 1
 
 
+PERCENT = st.integers(1, 700)
+
+
+@given(profiles(levels=3), PERCENT)
+def test_with_slack_it_equals_the_naive_loop_with_larger_bins(losses: torch.Tensor, percent: int) -> None:
+    samples, members = losses.shape
+    most = math.ceil(Fraction(100 + percent, 100) * samples / members)
+    assigned = assign_to_bins(losses, percent / 100)
+    assert assigned.tolist() == assign_one_by_one(losses, most)
+    assert (torch.bincount(assigned, minlength=members) <= most).all()
+
+
+@given(profiles(levels=3))
+def test_with_room_for_all_in_every_bin_each_sample_goes_to_its_best_member(losses: torch.Tensor) -> None:
+    assert torch.equal(assign_to_bins(losses, losses.shape[1] - 1.0), losses.argmin(dim=1))
+
+
+def test_a_bin_takes_a_tenth_more_and_not_one_sample_beyond() -> None:
+    losses = torch.tensor([[0.0, 1.0]]).expand(20, 2)
+    assert torch.bincount(assign_to_bins(losses)).tolist() == [10, 10]
+    assert torch.bincount(assign_to_bins(losses, 0.1)).tolist() == [11, 9]
+
+
 @given(profiles(), st.integers(0, 1000))
 def test_relabelling_members_changes_nothing_but_the_labels(losses: torch.Tensor, seed: int) -> None:
     samples, members = losses.shape
@@ -99,3 +125,41 @@ def test_a_loss_that_is_not_finite_is_refused(value: float) -> None:
 def test_losses_that_are_not_a_matrix_with_members_are_refused(shape: tuple[int, ...]) -> None:
     with pytest.raises(TrainingError, match="shape"):
         assign_to_bins(torch.zeros(shape))
+
+
+def drawn(losses: torch.Tensor, temperature: float, seed: int = 0) -> torch.Tensor:
+    return draw_bins(losses, temperature, torch.Generator().manual_seed(seed))
+
+
+@pytest.mark.parametrize("temperature", [0.1, 1.0, 10.0])
+def test_bins_that_are_drawn_are_about_equally_large_though_all_prefer_one_member(temperature: float) -> None:
+    losses = torch.rand(4000, 4, generator=torch.Generator().manual_seed(1)) + torch.tensor([0.0, 0.5, 1.0, 2.0])
+    counts = torch.bincount(drawn(losses, temperature), minlength=4)
+    assert (counts - 1000).abs().max() < 120  # four deviations of a binomial
+
+
+def test_a_low_temperature_leaves_each_sample_its_best_member_if_all_members_have_as_many() -> None:
+    best = torch.arange(300) % 3
+    losses = 1.0 - 0.5 * torch.nn.functional.one_hot(best, 3)
+    assert torch.equal(drawn(losses, 0.01), best)
+
+
+def test_a_high_temperature_does_not_look_at_the_losses() -> None:
+    best = torch.arange(3000) % 3
+    losses = 1.0 - 0.5 * torch.nn.functional.one_hot(best, 3)
+    assert float((drawn(losses, 1e6) == best).double().mean()) == pytest.approx(1 / 3, abs=0.04)
+
+
+@given(profiles(levels=3), st.integers(0, 1000))
+def test_drawn_bins_are_those_of_their_generator_and_losses_of_0_are_no_obstacle(
+    losses: torch.Tensor, seed: int
+) -> None:
+    losses = torch.cat([losses, torch.zeros(1, losses.shape[1])])
+    bins = drawn(losses, 0.5, seed)
+    assert torch.equal(bins, drawn(losses, 0.5, seed))
+    assert ((bins >= 0) & (bins < losses.shape[1])).all()
+
+
+def test_losses_that_cannot_be_drawn_by_are_refused() -> None:
+    with pytest.raises(TrainingError, match="not finite"):
+        drawn(torch.tensor([[0.0, float("nan")]]), 1.0)

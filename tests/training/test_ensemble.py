@@ -261,3 +261,46 @@ def test_losses_in_training_and_in_validation_are_of_one_unit(loss: str) -> None
     epoch = next(train_ensemble(TRAIN, TRAIN, still, seed=3, loss_unit=unit))
     assert epoch.metrics["loss/train"] == pytest.approx(epoch.metrics["loss/validation"], rel=1e-5)
     assert epoch.metrics["loss_member/0"] == epoch.metrics["loss/train"]
+
+
+DRAWN = ENSEMBLE.model_copy(update={"temperature": 1.0, "cluster_epochs": 3, "overlap": 0.5})
+
+
+@pytest.mark.parametrize("restart", [False, True])
+@pytest.mark.parametrize("finished", [1, 3, 4])
+def test_a_training_with_drawn_bins_and_overlap_goes_on_bit_for_bit(
+    tmp_path: Path, finished: int, restart: bool
+) -> None:
+    params = DRAWN.model_copy(update={"restart": restart})
+    *_, expected = train(params)
+    checkpoint = Checkpoint(tmp_path / "state.safetensors")
+    for _ in islice(train(params, checkpoint=checkpoint), finished):
+        pass
+    *_, resumed = train(params, checkpoint=checkpoint)
+    assert weights(resumed) == weights(expected)
+    assert resumed.metrics == expected.metrics
+
+
+def test_drawn_bins_end_as_those_of_algorithm_1(tmp_path: Path) -> None:
+    checkpoint = Checkpoint(tmp_path / "state.safetensors")
+    epochs = train(DRAWN, checkpoint=checkpoint)
+    first, second = (next(epochs) and checkpoint.load()[1]["bins"] for _ in range(2))
+    stack = untrained_ensemble(TRAIN.x.shape[1], TRAIN.y.shape[1], DRAWN, seed=3)
+    assert not torch.equal(first, assign_to_bins(evaluate_profiles(stack, TRAIN, "mse")))
+    assert not torch.equal(first, second)
+    kept = next(epochs) and checkpoint.load()[1]["bins"]
+    counts = torch.bincount(kept, minlength=2)
+    assert counts.max() - counts.min() <= 1
+    assert torch.equal((next(epochs) and checkpoint.load()[1])["bins"], kept)
+
+
+def test_overlap_begins_when_the_bins_are_kept_and_needs_bins_made_by_losses() -> None:
+    overlapping, plain = ENSEMBLE.model_copy(update={"overlap": 0.5}), ENSEMBLE
+    kept = ENSEMBLE.cluster_epochs
+    for first, second in islice(zip(train(overlapping), train(plain), strict=True), kept):
+        assert first.metrics == second.metrics
+    *_, first = train(overlapping)
+    *_, second = train(plain)
+    assert weights(first) != weights(second)
+    (*_, first), (*_, second) = (train(each, binning="random") for each in (overlapping, plain))
+    assert weights(first) == weights(second)

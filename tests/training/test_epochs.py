@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from addressed_dynamics.base.errors import TrainingError
-from addressed_dynamics.training.epochs import Batch, Length, batches, updates_per_epoch
+from addressed_dynamics.training.epochs import Batch, Length, batches, overlapping, updates_per_epoch
 
 
 def passed(bins: torch.Tensor, members: int, batch_size: int, seed: int = 0) -> list[Batch]:
@@ -121,3 +121,27 @@ def test_more_updates_than_the_epochs_have_or_none_at_all_are_refused() -> None:
         with pytest.raises(TrainingError, match=f"after 1 to 30 updates, but not after {updates}: give it more epochs"):
             Length.of(100, 2, 10, epochs=6, updates=updates)
     assert Length.of(100, 2, 10, epochs=6) == Length.of(100, 2, 10, epochs=6, updates=30)
+
+
+@given(equal_bins(), st.integers(1, 20), st.floats(0.0, 1.0))
+def test_a_share_of_overlapping_batches_is_near_to_a_member_and_the_rest_is_as_before(
+    case: tuple[torch.Tensor, int], batch_size: int, share: float
+) -> None:
+    bins, members = case
+    near = (bins + 1) % members
+    plain = passed(bins, members, batch_size)
+    generator = torch.Generator().manual_seed(1)
+    for before, batch in zip(plain, overlapping(plain, near, members, share, generator), strict=True):
+        drawn = round(share * before.rows.shape[1])
+        assert torch.equal(batch.rows[:, drawn:], before.rows[:, drawn:])
+        assert torch.equal(batch.weight, before.weight)
+        for member in range(members):
+            assert (near[batch.rows[member, :drawn]] == member).all()
+
+
+def test_a_member_that_is_near_to_nothing_keeps_its_batches() -> None:
+    bins = torch.tensor([0, 1, 0, 1, 0, 1])
+    plain = passed(bins, 2, 2)
+    overlapped = overlapping(plain, torch.zeros(6, dtype=torch.int64), 2, 1.0, torch.Generator().manual_seed(0))
+    for before, batch in zip(plain, overlapped, strict=True):
+        assert torch.equal(batch.rows[1], before.rows[1])

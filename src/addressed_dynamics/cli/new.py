@@ -183,7 +183,7 @@ def _section_lines(name: str, origin: Iterable[str], lengths: Sequence[int]) -> 
     yield from origin
     few = len(lengths) < FEW and max(lengths, default=0) > LONG
     yield "convert: {split: blocks} # in time, for there are few episodes" if few else "convert: {}"
-    yield "features: {}"
+    yield "features: {history: auto} # frames that a network is given: chosen on validation"
     if sum(lengths) < SMALL:
         yield "ensemble: # for few and noisy data: docs/decisions/0017-small-data.md"
         yield from (f"  {line}" for line in SMALL_ENSEMBLE)

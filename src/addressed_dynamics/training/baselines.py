@@ -17,6 +17,7 @@ from addressed_dynamics.base.params.training import (
     BlendedNetwork,
     BlendedTraining,
     EnsembleParams,
+    EnsembleSection,
 )
 from addressed_dynamics.training.addressing import untrained_addressing
 from addressed_dynamics.training.ensemble import Binning
@@ -46,7 +47,7 @@ class Sections(Protocol):
         """What networks are given and asked for: a section of its kind."""
 
     @property
-    def ensemble(self) -> EnsembleParams:
+    def ensemble(self) -> EnsembleSection:
         """How the ensemble is trained."""
 
     @property
@@ -75,13 +76,20 @@ class Baseline:
 
 
 def plan_baselines(
-    chosen: Sections, other: Sections, inputs: int, outputs: int, samples: int, phase_features: Any = None
+    chosen: Sections,
+    other: Sections,
+    members: int,
+    inputs: int,
+    outputs: int,
+    samples: int,
+    phase_features: Any = None,
 ) -> dict[str, Baseline]:
     """Return all that is to be trained, by name; the longest trainings, of large single networks, first.
 
     Args:
         chosen: the experiment with the recipe of the ensemble.
         other: the experiment with the other recipe.
+        members: subnetworks of the ensemble, which were chosen if params say `auto`; the other recipe has as many then.
         inputs: inputs of the ensemble's networks.
         outputs: outputs of these.
         samples: number of training samples.
@@ -90,13 +98,16 @@ def plan_baselines(
     Raises:
         ParamsError: a phase-functioned network is asked for, but the data have no phase.
     """
-    params, recipe = chosen.baselines, chosen.ensemble
+    params, recipe = chosen.baselines, _with_chosen(chosen.ensemble, members)
     updates = ensemble_updates(recipe, samples)
     plan = dict[str, Baseline]()
     for name in (*params.single_networks, *params.train):
         if name == "other_recipe":
             plan[OTHER_RECIPE[chosen.recipe]] = Baseline(
-                other, other.features, other.ensemble, addressing=other.baselines.addressing
+                other,
+                other.features,
+                _with_chosen(other.ensemble, members),
+                addressing=other.baselines.addressing,
             )
         elif name in ABLATIONS:
             plan[name] = Baseline(chosen, chosen.features, recipe, ABLATIONS[name], params.addressing)
@@ -117,6 +128,10 @@ def plan_baselines(
         pair = recipe.model_copy(update={"members": 2, "epochs": params.pair_epochs, "restart": False})
         plan[PAIR] = Baseline(chosen, chosen.features, pair)
     return plan
+
+
+def _with_chosen(section: EnsembleSection, members: int) -> EnsembleParams:
+    return section.with_members(members if section.members == "auto" else section.members)
 
 
 def single_network_params(

@@ -17,8 +17,8 @@ from addressed_dynamics.features.common.samples import Samples
 from addressed_dynamics.networks.ridge import Ridge, fit_ridge
 from addressed_dynamics.networks.stacked import StackedMLP, in_chunks
 from addressed_dynamics.training.checkpoints import Checkpoint
-from addressed_dynamics.training.clustering import assign_to_bins
-from addressed_dynamics.training.epochs import Batch, Epoch, Length, batches
+from addressed_dynamics.training.clustering import assign_to_bins, draw_bins
+from addressed_dynamics.training.epochs import Batch, Epoch, Length, batches, overlapping
 from addressed_dynamics.training.losses import REGRESSION_LOSSES, loss_per_sample, loss_profile, reported_loss
 from addressed_dynamics.training.stopping import Stopping
 from addressed_dynamics.training.update import StackTrainer
@@ -59,6 +59,12 @@ def train_ensemble(
     addressed, and a choice by what happens in H steps is one that its input tells even less about (measured:
     docs/decisions/0017-small-data.md). Metrics are `horizon` and `loss/rollout` beside `loss/validation`: the same over
     H steps.
+
+    With `params.temperature` bins are drawn in the first epochs, the more freely the earlier; those that are kept are
+    Algorithm 1's.
+
+    With `params.overlap` members also learn, once the bins are kept, from samples that lie beside theirs, which the
+    addressing network may give to them: those for which a member was the best of the others.
 
     With `params.early_stopping` the last epoch that is yielded, which may come before the epochs end, has the networks
     and metrics of the epoch with the lowest `loss/validation`, or `loss/rollout` if there is one (after the restart, if
@@ -109,11 +115,13 @@ def train_ensemble(
     judged_by = "loss/rollout" if params.horizon > 1 else "loss/validation"
     stopping = Stopping(length.epochs, params.early_stopping, judged_by, first=search + 1)
     bins = torch.randint(0, members, (len(train),), generator=named_generator(seed, "ensemble/random_bins"))
+    near = torch.full_like(bins, -1)
     history, state = checkpoint.load() if checkpoint else ([], {})
     trainer = begin(max(len(history), 1))
     kept = trainer.parameters()
     if history:
         bins, random_state, kept = state.pop("bins"), state.pop("generator"), state.pop("kept", kept)
+        near = state.pop("near", near)
         generator.set_state(random_state)
         trainer.restore(state)
     for epoch in range(1, len(history) + 1):
@@ -125,9 +133,14 @@ def train_ensemble(
         stack, previous = trainer.stack, bins
         if binning != "random" and epoch <= params.cluster_epochs:
             profiles = evaluate_profiles(stack, train, params.loss)
-            bins = assign_to_bins(profiles) if binning == "equal" else profiles.argmin(dim=1)
+            bins = _equal_bins(profiles, params, epoch, generator) if binning == "equal" else profiles.argmin(dim=1)
+            if params.overlap:
+                near = _best_of_the_others(profiles, bins)
         rate = trainer.learning_rate
-        passed = islice(batches(bins, members, params.batch_size, generator), length.updates_in(epoch))
+        passed: Iterable[Batch] = batches(bins, members, params.batch_size, generator)
+        if params.overlap and epoch > params.cluster_epochs:
+            passed = overlapping(passed, near, members, params.overlap, generator)
+        passed = islice(passed, length.updates_in(epoch))
         horizon = horizon_in(epoch - search, length.epochs - search, params.horizon)
         member_losses = _train_one_epoch(trainer, train, passed, generator, augment, horizon) * loss_unit
         metrics = {"loss/train": float(member_losses.mean()), "learning_rate": rate}
@@ -142,8 +155,28 @@ def train_ensemble(
             kept = trainer.parameters()
         if checkpoint:
             state = {**trainer.state(), "bins": bins, "generator": generator.get_state()}
-            checkpoint.save(history, state | ({"kept": kept} if params.early_stopping else {}))
+            state |= {"kept": kept} if params.early_stopping else {}
+            checkpoint.save(history, state | ({"near": near} if params.overlap else {}))
         yield _ended(history, length, stopping, trainer, kept)
+
+
+def _equal_bins(
+    profiles: Float[Tensor, "sample member"], params: EnsembleParams, epoch: int, generator: torch.Generator
+) -> Int64[Tensor, " sample"]:
+    """Return the bins of an epoch: by Algorithm 1, or drawn, if the temperature has not fallen to 0 yet."""
+    left = params.cluster_epochs - epoch
+    if not left or not params.temperature:
+        return assign_to_bins(profiles, params.slack)
+    return draw_bins(profiles, params.temperature * left / (params.cluster_epochs - 1), generator)
+
+
+def _best_of_the_others(
+    profiles: Float[Tensor, "sample member"], bins: Int64[Tensor, " sample"]
+) -> Int64[Tensor, " sample"]:
+    """Return for each sample the best of the members that do not have it in their bins; -1 if there is only one."""
+    if profiles.shape[1] == 1:
+        return torch.full_like(bins, -1)
+    return profiles.scatter(1, bins.unsqueeze(1), float("inf")).argmin(dim=1)
 
 
 def untrained_ensemble(inputs: int, outputs: int, params: EnsembleParams, *, seed: int) -> StackedMLP:

@@ -1,7 +1,7 @@
 """What a training loop yields, and how a pass over the bins is cut into batches."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import torch
@@ -64,6 +64,28 @@ def batches(
     for start in range(0, length, batch_size):
         part = weight[:, start : start + batch_size]
         yield Batch(rows[:, start : start + batch_size], part / part.sum(dim=1, keepdim=True).clamp(min=1.0))
+
+
+def overlapping(
+    passed: Iterable[Batch], near: Int64[Tensor, " sample"], members: int, share: float, generator: torch.Generator
+) -> Iterator[Batch]:
+    """Yield batches in which a share of each member's samples are others, drawn from those that it is near to.
+
+    Args:
+        passed: batches of the members' own bins.
+        near: for each sample, the member that is near to it and does not have it in its bin.
+        members: how many members there are; one that is near to nothing keeps its batches.
+        share: share of the samples.
+        generator: what draws.
+    """
+    neighbours = [torch.nonzero(near == member).squeeze(1) for member in range(members)]
+    for batch in passed:
+        rows = batch.rows.clone()
+        drawn = round(share * rows.shape[1])
+        for member, others in enumerate(neighbours):
+            if len(others):
+                rows[member, :drawn] = others[torch.randint(0, len(others), (drawn,), generator=generator)]
+        yield Batch(rows, batch.weight)
 
 
 def updates_per_epoch(samples: int, members: int, batch_size: int) -> int:

@@ -7,19 +7,29 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
-from addressed_dynamics.base.params.sections import Count, Dropout, OptimiserParams, Section, Seed, Share, Widths
+from addressed_dynamics.base.params.sections import (
+    Count,
+    CountOrAuto,
+    Dropout,
+    OptimiserParams,
+    Section,
+    Seed,
+    Share,
+    Widths,
+)
 
 Activation = Literal["relu", "tanh", "elu"]
 Loss = Literal["mse", "mae", "mae+mse"]
 
 
-class EnsembleParams(Section):
-    """Phase 1: Algorithm 1 and the subnetworks."""
+class EnsembleSection(Section):
+    """Phase 1: Algorithm 1 and the subnetworks, of which there may be as many as validation says."""
 
     seeds: Annotated[tuple[Seed, ...], Field(min_length=1)] = (0, 1)
     """One ensemble is trained from each seed; the first is the one that is delivered."""
-    members: Count = 2
-    """Number of subnetworks, n in the paper."""
+    members: CountOrAuto = 2
+    """Number of subnetworks, n in the paper; `auto`: of 1, 2, 4 and 8 the smallest that is about as good as the best on
+    validation samples, after a brief training."""
     hidden: Widths = (128, 128)
     """Widths of the hidden layers."""
     activation: Activation = "relu"
@@ -43,6 +53,14 @@ class EnsembleParams(Section):
     them in the second half."""
     cluster_epochs: Count = 3
     """Bins are made anew in the first so many epochs and kept after that; `all` of them is the paper's way."""
+    slack: Annotated[float, Field(ge=0.0)] = 0.0
+    """Share by which a bin may be larger than an equal part of the samples; 0 is Algorithm 1, the paper's way."""
+    temperature: Annotated[float, Field(ge=0.0)] = 0.0
+    """Temperature at which the first bins are drawn, each sample's by its losses; it falls to 0, which is Algorithm 1,
+    in the last of `cluster_epochs`. 0: Algorithm 1 from the beginning, the paper's way."""
+    overlap: Share = 0.0
+    """Share of a member's batches, once the bins are kept, that are samples of other bins: of those for which it was
+    the best of the others."""
     restart: bool = False
     """Whether the networks start again, untrained, when the bins are kept: they then see nothing but their own bins."""
 
@@ -54,7 +72,7 @@ class EnsembleParams(Section):
         return section
 
     @model_validator(mode="after")
-    def _restarts_before_the_end(self) -> EnsembleParams:
+    def _restarts_before_the_end(self) -> EnsembleSection:
         if self.restart and self.cluster_epochs >= self.epochs:
             message = (
                 f"with restart, cluster_epochs should be below epochs, or nothing is trained after it, but they are "
@@ -64,11 +82,21 @@ class EnsembleParams(Section):
         return self
 
     @model_validator(mode="after")
-    def _drops_nothing_on_the_way(self) -> EnsembleParams:
+    def _drops_nothing_on_the_way(self) -> EnsembleSection:
         if self.horizon > 1 and self.dropout:
             message = f"with a horizon of {self.horizon} steps dropout should be 0, but it is {self.dropout:g}"
             raise ValueError(message)
         return self
+
+    def with_members(self, members: int) -> EnsembleParams:
+        """Return how an ensemble of so many subnetworks is trained."""
+        return EnsembleParams.model_validate(self.model_dump() | {"members": members})
+
+
+class EnsembleParams(EnsembleSection):
+    """How an ensemble is trained: phase 1 with a number of subnetworks."""
+
+    members: Count = 2
 
 
 class AddressingTraining(Section):
@@ -207,6 +235,9 @@ class RecipeChanges(Section):
             "loss": "mae",
             "optimiser": PAPER_OPTIMISER,
             "cluster_epochs": "all",
+            "slack": 0.0,
+            "temperature": 0.0,
+            "overlap": 0.0,
             "restart": False,
             "linear": False,
             "weight_decay": 0.0,

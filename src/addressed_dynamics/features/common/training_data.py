@@ -36,6 +36,16 @@ Features = TypeVar("Features", bound=AnyFeatures)
 
 
 @dataclass(frozen=True)
+class Choice:
+    """A number that params left to validation, with what it was chosen by."""
+
+    chosen: int
+    """The number."""
+    tried: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    """What each number reached, the lower the better in the first figure; empty if there was nothing to choose."""
+
+
+@dataclass(frozen=True)
 class TrainingData(Generic[Features]):
     """The samples of an experiment, and how they were made."""
 
@@ -52,6 +62,8 @@ class TrainingData(Generic[Features]):
     dropped: Mapping[str, Dropped] = field(default_factory=dict)
     """What no sample is of, for want of frames, by split; empty where a sample is of one frame by its kind."""
 
+    choices: Mapping[str, Choice] = field(default_factory=dict)
+    """What params of the features left to validation, by the name of the key."""
     persistence: tuple[Tensor, Tensor] | None = None
     """Weights (input, output) and biases of the linear map by which nothing changes; None if the kind has references of
     its own."""

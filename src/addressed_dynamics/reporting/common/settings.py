@@ -11,12 +11,17 @@ def subnetwork_words(ensemble: EnsembleParams) -> str:
 
 
 def bins_words(ensemble: EnsembleParams) -> str:
-    """Return when bins are made anew."""
+    """Return when bins are made anew, and in what that is not Algorithm 1, if it is not."""
+    differs = f", each up to {percent(ensemble.slack, 0)} larger than an equal part" if ensemble.slack else ""
+    if ensemble.temperature:
+        differs += f", before the last drawn at a temperature that falls from {ensemble.temperature:g}"
     if ensemble.cluster_epochs >= ensemble.epochs:
-        return "in every epoch"
+        return f"in every epoch{differs}"
+    if ensemble.overlap:
+        differs += f"; then {percent(ensemble.overlap, 0)} of a network's batches come from beside its bin"
     first = "epoch" if ensemble.cluster_epochs == 1 else f"{ensemble.cluster_epochs} epochs"
     anew = "; the networks then start again, untrained" if ensemble.restart else ""
-    return f"in the first {first}, kept after that{anew}"
+    return f"in the first {first}, kept after that{anew}{differs}"
 
 
 def addressing_words(addressing: AddressingTraining, members: int) -> str:

@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 from addressed_dynamics.base.params.recording import WalkerParams
 from addressed_dynamics.base.params.sections import (
     Count,
+    CountOrAuto,
     Dropout,
     OptimiserParams,
     Positive,
@@ -24,7 +25,7 @@ from addressed_dynamics.base.params.training import (
     AddressingTraining,
     BaselinesParams,
     BlendedNetwork,
-    EnsembleParams,
+    EnsembleSection,
     Loss,
     RecipeChanges,
     Trained,
@@ -113,11 +114,11 @@ class MotionOptimiser(OptimiserParams):
     betas: tuple[Share, Share] = (0.9, 0.999)
 
 
-class MotionEnsembleParams(EnsembleParams):
+class MotionEnsembleParams(EnsembleSection):
     """Phase 1, with defaults for motion."""
 
     seeds: Annotated[tuple[Seed, ...], Field(min_length=1)] = (0,)
-    members: Count = 4
+    members: CountOrAuto = 4
     hidden: Widths = (512, 512)
     activation: Activation = "elu"
     loss: Loss = "mse"

@@ -8,9 +8,9 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from addressed_dynamics.base.params.recording import EnvironmentParams, RecordParams, Unlearned
-from addressed_dynamics.base.params.sections import Count, Positive, Section, Seed, Share, by_name
+from addressed_dynamics.base.params.sections import Count, CountOrAuto, Positive, Section, Seed, Share, by_name
 from addressed_dynamics.base.params.source import SourceParams
-from addressed_dynamics.base.params.training import AddressingParams, BaselinesParams, EnsembleParams, RecipeChanges
+from addressed_dynamics.base.params.training import AddressingParams, BaselinesParams, EnsembleSection, RecipeChanges
 
 
 class ConvertParams(Section):
@@ -55,13 +55,14 @@ class AngleParams(Section):
     """Name of the dimension with its velocity, in rad/s, if there is one."""
 
 
-class FeatureParams(Section):
-    """What a network is given and what it is asked for."""
+class FeatureSection(Section):
+    """What a network is given and what it is asked for; of how many frames, validation may say."""
 
     target: Literal["absolute", "change"] = "change"
     """`absolute`: the next state, as in the paper; `change`: the next state minus the state."""
-    history: Count = 1
-    """Number of consecutive frames (states with their actions) that a network is given."""
+    history: CountOrAuto = 1
+    """Number of consecutive frames (states with their actions) that a network is given; `auto`: of 1, 2, 4 and 6 the
+    smallest from which validation transitions are predicted about as well as from the best."""
     history_weight: Positive = 1.0
     """Size of the inputs of older frames beside those of the last, which is the state itself; 1 makes no difference
     between them, as in the paper."""
@@ -71,6 +72,16 @@ class FeatureParams(Section):
     """How an angle comes from a predicted cosine and sine: the paper's weighted mean (Section 3.3), or atan2."""
     velocity: Literal["difference", "predicted"] = "predicted"
     """Where the angles' velocities come from: differences of successive angles, as in the paper, or the network."""
+
+    def with_history(self, history: int) -> FeatureParams:
+        """Return what a network is given, so many frames of it, and asked for."""
+        return FeatureParams.model_validate(self.model_dump() | {"history": history})
+
+
+class FeatureParams(FeatureSection):
+    """What a network is given and what it is asked for."""
+
+    history: Count = 1
 
 
 class EnvironmentRollouts(Section):
@@ -166,8 +177,8 @@ class ExperimentParams(Section):
     source: SourceParams | None = None
     """Which logs or tables to import; absent if there is a `record`, or if the raw data are logs of transitions."""
     convert: ConvertParams = ConvertParams()
-    features: FeatureParams = FeatureParams()
-    ensemble: EnsembleParams = EnsembleParams()
+    features: FeatureSection = FeatureSection()
+    ensemble: EnsembleSection = EnsembleSection()
     addressing: AddressingParams = AddressingParams()
     baselines: BaselinesParams = BaselinesParams()
     evaluation: EvaluationParams = EvaluationParams()
