@@ -13,6 +13,19 @@ Relation = Literal["better", "worse", "unclear"]
 
 
 @dataclass(frozen=True)
+class Interval:
+    """Where the other's error lies in multiples of ours, over what could have been held out."""
+
+    low: float
+    high: float
+
+    @property
+    def decides(self) -> bool:
+        """Whether it leaves no doubt which of the two is lower."""
+        return not self.low <= 1.0 <= self.high
+
+
+@dataclass(frozen=True)
 class Comparison:
     """One figure of our model beside that of another, each from some seeds."""
 
@@ -24,14 +37,21 @@ class Comparison:
     """The other's, from each of its seeds."""
     relation: Relation
     """Whether ours is better."""
+    interval: Interval | None = None
+    """The widest of the intervals of the other's seeds; None if there is none."""
 
     def medians(self, number: Callable[[float], str]) -> str:
         """Return both medians as part of a sentence, written by `number`."""
         return f"{self.quantity} {number(median(self.own))} against {number(median(self.other))}"
 
 
-def relate(own: Sequence[float], other: Sequence[float]) -> Relation:
-    """Say whether our errors (one per seed) are lower, and so better: from every seed, and by more than `MARGIN`."""
+def relate(own: Sequence[float], other: Sequence[float], intervals: Sequence[Interval] = ()) -> Relation:
+    """Say whether our errors (one per seed) are lower, and so better: from every seed, and by more than `MARGIN`.
+
+    Where there are intervals, none of them may have 1 in it.
+    """
+    if not all(interval.decides for interval in intervals):
+        return "unclear"
     if max(own) * MARGIN < min(other):
         return "better"
     return "worse" if max(other) * MARGIN < min(own) else "unclear"

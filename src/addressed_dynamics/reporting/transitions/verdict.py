@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from statistics import mean
 
+from addressed_dynamics.evaluation.common.bootstrap import COVERAGE, DRAWS
 from addressed_dynamics.evaluation.common.sizes import total_size
 from addressed_dynamics.evaluation.transitions.records import (
     REFERENCES,
@@ -118,9 +119,19 @@ def findings(evaluation: Evaluation, paper: PaperFigures | None) -> tuple[str, .
     if len(evaluation.candidates) > len(own):
         sentences.append(
             "Comparisons are of medians over seeds; an error counts as lower if it is so from every seed and by more "
-            f"than {percent(MARGIN - 1, 0)}."
+            f"than {percent(MARGIN - 1, 0)}{_resampled(evaluation)}."
         )
     return tuple(sentences)
+
+
+def _resampled(evaluation: Evaluation) -> str:
+    """Say what else a comparison asks for, where it is known."""
+    if not any(each.beside_delivered for each in evaluation.candidates.values()):
+        return ""
+    return (
+        f", and if the {percent(COVERAGE, 0)} interval of the other's error in multiples of the delivered model's "
+        f"({DRAWS:,} draws of the held-out episodes) does not have 1 in it"
+    )
 
 
 def _one_step(evaluation: Evaluation) -> str:
