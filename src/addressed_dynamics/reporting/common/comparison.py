@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from math import inf
 from statistics import median
 from typing import Literal
 
@@ -25,6 +26,10 @@ class Interval:
         return not self.low <= 1.0 <= self.high
 
 
+UNKNOWN = Interval(0.0, inf)
+"""What there are too few episodes for."""
+
+
 @dataclass(frozen=True)
 class Comparison:
     """One figure of our model beside that of another, each from some seeds."""
@@ -38,7 +43,7 @@ class Comparison:
     relation: Relation
     """Whether ours is better."""
     interval: Interval | None = None
-    """The widest of the intervals of the other's seeds; None if there is none."""
+    """From the lowest to the highest end of the intervals of the other's seeds; None where none was asked for."""
 
     def medians(self, number: Callable[[float], str]) -> str:
         """Return both medians as part of a sentence, written by `number`."""

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import inf
 from statistics import median
 
 from addressed_dynamics.evaluation.transitions.records import CandidateResult, RatioResult
-from addressed_dynamics.reporting.common.comparison import Comparison, Interval, Relation, relate
+from addressed_dynamics.reporting.common.comparison import UNKNOWN, Comparison, Interval, Relation, relate
 from addressed_dynamics.reporting.common.numbers import listed, scientific, significant
 
 MOST_NUMBERS = 3
@@ -41,7 +42,7 @@ def compare(own: Sequence[CandidateResult], other: Sequence[CandidateResult]) ->
 def _comparison(
     quantity: str, own: Sequence[float], other: Sequence[float], ratios: Sequence[RatioResult | None]
 ) -> Comparison:
-    intervals = [Interval(ratio.low, ratio.high) for ratio in ratios if ratio is not None]
+    intervals = [UNKNOWN if ratio is None else Interval(ratio.low, ratio.high) for ratio in ratios]
     widest = Interval(min(each.low for each in intervals), max(each.high for each in intervals)) if intervals else None
     return Comparison(quantity, tuple(own), tuple(other), relate(own, other, intervals), widest)
 
@@ -80,9 +81,14 @@ def spread_over_seeds(comparison: Comparison) -> str:
 
 
 def _interval(comparison: Comparison) -> str:
-    """Return how many times ours the other's error is, if that is known."""
-    found = comparison.interval
-    return f", which is {significant(found.low)} to {significant(found.high)} times as much" if found else ""
+    """Return how many times the delivered model's the other's error is, if that was asked for."""
+    match comparison.interval:
+        case None:
+            return ""
+        case Interval(low, high) if high < inf:
+            return f", {significant(low)} to {significant(high)} times the delivered model's"
+        case _:
+            return ", of too few episodes to tell"
 
 
 def _spread(errors: Sequence[float]) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from statistics import mean
 
-from addressed_dynamics.evaluation.common.bootstrap import COVERAGE, DRAWS
+from addressed_dynamics.evaluation.common.bootstrap import COVERAGE, DRAWS, FEWEST_EPISODES
 from addressed_dynamics.evaluation.common.sizes import total_size
 from addressed_dynamics.evaluation.transitions.records import (
     REFERENCES,
@@ -130,7 +130,7 @@ def _resampled(evaluation: Evaluation) -> str:
         return ""
     return (
         f", and if the {percent(COVERAGE, 0)} interval of the other's error in multiples of the delivered model's "
-        f"({DRAWS:,} draws of the held-out episodes) does not have 1 in it"
+        f"({DRAWS:,} draws of the held-out episodes, of which {FEWEST_EPISODES} are the least) does not have 1 in it"
     )
 
 
