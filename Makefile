@@ -20,12 +20,13 @@ export MLFLOW_DISABLE_TELEMETRY := true
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run example ride test ui bench clean
+.PHONY: help setup run example ride hopper test ui bench clean
 
 help:
 	@echo "make run     install into $(VENV), run the pipeline, write data/reports/*/report.html"
 	@echo "make example make logs of a pendulum in three formats and go from them to a report (two minutes)"
 	@echo "make ride    fetch a real bicycle ride and go from it to a report (two minutes)"
+	@echo "make hopper  install MuJoCo, record its Hopper and go from there to a report (a quarter of an hour)"
 	@echo "make test    check format, style, types and imports, then run the tests"
 	@echo "make ui      browse the runs in MLflow (Ctrl-C ends it)"
 	@echo "make bench   measure every speed claim, one after the other"
@@ -76,6 +77,15 @@ ride: $(VENV)/installed
 	    --observation 'speed [m/s]' --observation 'heart_rate [1/min]' \
 	    --action 'power [W]' --action 'cadence [1/min]' --exogenous slope
 	@PATH="$(CURDIR)/$(BIN):$$PATH" dvc repro report@ride
+
+$(VENV)/mujoco: $(VENV)/installed
+	$(PIP) install --no-compile --no-build-isolation --constraint requirements.lock --editable '.[mujoco]'
+	@touch $@
+
+# As the pendulum, it is added to what the pipeline runs.
+hopper: $(VENV)/mujoco
+	@PATH="$(CURDIR)/$(BIN):$$PATH" dvc exp run report@hopper -S '++recorded.hopper=transitions' \
+	    -S '++experiments.hopper={kind: transitions, raw: data/raw/hopper}'
 
 test: $(VENV)/checked
 	$(BIN)/ruff check

@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 
-def overrides(file: Path) -> list[str]:
-    """Return the settings that the command `dvc exp run` in a file gives the example."""
-    command = file.read_text(encoding="utf-8").partition("dvc exp run report@pendulum")[2].replace("\\\n", " ")
+def overrides(file: Path, experiment: str = "pendulum") -> list[str]:
+    """Return the settings that the command `dvc exp run` in a file gives an example."""
+    command = file.read_text(encoding="utf-8").partition(f"dvc exp run report@{experiment}")[2].replace("\\\n", " ")
     return [quoted or plain for quoted, plain in re.findall(r"-S (?:'([^']+)'|(\S+))", command.partition("\n")[0])]

@@ -61,6 +61,12 @@ def candidate(
     }
 
 
+def beside(one_step: tuple[float, float], rollout: tuple[float, float], spaces: SpaceSpec = CAR) -> dict[str, Any]:
+    """Errors in multiples of the delivered model's, with these intervals."""
+    first, second = ({"value": (low * high) ** 0.5, "low": low, "high": high} for low, high in (one_step, rollout))
+    return {"one_step": first, "rollouts": second, "dimensions": dict.fromkeys(spaces.observation_names, second)}
+
+
 def rollouts(error: float, spaces: SpaceSpec, wall_free: int | None, segments: Mapping[str, int]) -> dict[str, Any]:
     """Errors of rollouts, with physics where there are segments."""
     spread = {"median": error, "mean": error * 2, "p10": error / 9, "p90": error * 9, "max": error * 20}

@@ -5,6 +5,7 @@ import random
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import numpy as np
 import pytest
 import torch
@@ -12,8 +13,9 @@ from builders import assert_same
 from example_params import EXAMPLE
 
 from addressed_dynamics.base.errors import RecordingError
-from addressed_dynamics.base.params.recording import RecordParams
+from addressed_dynamics.base.params.recording import EnvironmentParams, RecordParams
 from addressed_dynamics.logs import read_log
+from addressed_dynamics.recording.environments import make_environment
 from addressed_dynamics.recording.plan import first_episode, record_plan, recording_folder
 from addressed_dynamics.sources.transitions.reading import read_transitions
 
@@ -226,3 +228,36 @@ def test_the_clock_of_a_copy_goes_on_from_log_to_log(tmp_path: Path) -> None:
     times = [read_log(log).transitions.time_ns for log in logs]
     assert [len(part) for part in times] == [100, 100]
     np.testing.assert_array_equal(np.concatenate(times), np.round(np.arange(200) * 1e9 / 30))
+
+
+def test_a_gait_is_recorded_and_every_episode_begins_it_anew(tmp_path: Path) -> None:
+    # A spring as weak as this holds nothing: what is recorded is the sine, from its beginning in every episode.
+    joint = {"angle": "cos_angle", "velocity": "angular_velocity", "centre": 1e9, "swing": 1e9}
+    behaviour = {
+        "kind": "gait",
+        "joints": {"arm": joint},
+        "period_steps": 50,
+        "stiffness": 1e-9,
+        "mean_gait_steps": 1e9,
+    }
+    pendulum = {"id": "Pendulum-v1", "kwargs": {"max_episode_steps": 30}}
+    params = plan_of(behaviour, environment=pendulum, transitions=120)
+    actions = read_transitions(record(tmp_path, params)).action.reshape(4, 30)
+    wanted = 1 + np.sin(2 * np.pi * np.arange(30) / 50)
+    np.testing.assert_allclose(actions, np.tile(wanted, (4, 1)), atol=1e-4)
+
+
+def test_an_environment_whose_package_is_not_installed_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    def make(*_: Any, **__: Any) -> None:
+        raise gymnasium.error.DependencyNotInstalled(reason)
+
+    monkeypatch.setattr(gymnasium, "make", make)
+    reason = 'MuJoCo is not installed, run `pip install "gymnasium[mujoco]"`'
+    params = EnvironmentParams(id="Hopper-v5")
+    with pytest.raises(RecordingError, match=r"^the environment 'Hopper-v5' needs MuJoCo: pip install 'addressed-dy"):
+        make_environment(params)
+    reason = "Box2D is not installed, run pip install gymnasium[box2d]"
+    with pytest.raises(
+        RecordingError, match=r"needs a package that is not installed \(Box2D is not installed, run pip"
+    ):
+        make_environment(params)

@@ -55,20 +55,24 @@ class FrameSkip(gymnasium.Wrapper[Any, Any, Any, Any]):
         return self.observation, rewards, terminated, truncated, info
 
 
-def act(copies: Sequence[FrameSkip], policy: Policy, progress: Progress) -> None:
+def act(
+    copies: Sequence[FrameSkip], policy: Policy, progress: Progress, began: Callable[[int], object] = lambda _: None
+) -> None:
     """Go on in all `copies`, which have been reset, until none has a step left.
 
     Args:
         copies: copies of one environment.
         policy: asked for the actions of all copies at every decision, also of those that have no step left.
         progress: see `Progress`.
+        began: called with the number of a copy when another episode begins in it.
     """
     while any(copy.steps_left for copy in copies):
         actions = policy(np.stack([copy.observation for copy in copies]))
         before = sum(copy.steps_left for copy in copies)
-        for copy, action in zip(copies, actions, strict=True):
+        for number, (copy, action) in enumerate(zip(copies, actions, strict=True)):
             if copy.steps_left:
                 _, _, terminated, truncated, _ = copy.step(action)
                 if terminated or truncated:
                     copy.reset()
+                    began(number)
         progress(before - sum(copy.steps_left for copy in copies))

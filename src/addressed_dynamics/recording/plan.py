@@ -12,6 +12,7 @@ import numpy as np
 from addressed_dynamics.base.errors import RecordingError
 from addressed_dynamics.base.params.recording import (
     DqnBehaviour,
+    GaitBehaviour,
     GreedyBehaviour,
     RecordParams,
     SegmentParams,
@@ -20,8 +21,10 @@ from addressed_dynamics.recording.acting import FrameSkip, Progress, act
 from addressed_dynamics.recording.behaviours import HeldActions, Policy, mostly, unlearned_policy
 from addressed_dynamics.recording.dqn import learn
 from addressed_dynamics.recording.environments import Environment, make_environment
+from addressed_dynamics.recording.gait import GaitPolicy
 from addressed_dynamics.recording.provenance import run_info
 from addressed_dynamics.recording.recorder import TransitionRecorder
+from addressed_dynamics.recording.spaces import space_spec
 
 EPISODES_PER_COPY = 10_000_000
 COPIES_PER_SEGMENT = 1_000
@@ -60,7 +63,8 @@ def record_plan(plan: RecordParams, folder: Path, *, progress: Progress) -> None
                 copies = [FrameSkip(environment, frame_skip, steps) for environment in environments]
                 for copy, environment in enumerate(copies):
                     environment.reset(seed=segment.seed + copy)
-                act(copies, policy, progress)
+                began = policy.begin if isinstance(policy, GaitPolicy) else lambda _: None
+                act(copies, policy, progress, began)
 
 
 @contextmanager
@@ -117,6 +121,9 @@ def _recorded(
 def _policy(segment: SegmentParams, environment: Environment, learned: Mapping[str, Policy]) -> Policy:
     generator = np.random.default_rng(segment.seed)
     match segment.behaviour:
+        case GaitBehaviour() as gait:
+            spec, space = space_spec(environment), environment.action_space
+            return GaitPolicy(gait, spec, space, segment.environments, generator)
         case GreedyBehaviour(segment=earlier, epsilon=epsilon):
             held = HeldActions(environment.action_space, segment.environments, mean_hold_steps=1.0, generator=generator)
             return mostly(learned[earlier], held, epsilon)

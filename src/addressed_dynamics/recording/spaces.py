@@ -15,6 +15,24 @@ from addressed_dynamics.episodes.transitions import ContinuousAction, Dimension,
 METADATA_KEY = "addressed_dynamics"
 """Key of an environment's metadata that holds its description, in the form that `addressed_dynamics.envs` explains."""
 
+_HOPPER: dict[str, Any] = {
+    "observation": (
+        ("height", "m"),
+        ("torso_angle", "rad"),
+        ("thigh_angle", "rad"),
+        ("leg_angle", "rad"),
+        ("foot_angle", "rad"),
+        ("forward_velocity", "m/s"),
+        ("vertical_velocity", "m/s"),
+        ("torso_velocity", "rad/s"),
+        ("thigh_velocity", "rad/s"),
+        ("leg_velocity", "rad/s"),
+        ("foot_velocity", "rad/s"),
+    ),
+    # In units of the greatest torque, 200 N m.
+    "action": (("thigh_torque", ""), ("leg_torque", ""), ("foot_torque", "")),
+}
+
 # Gymnasium's own environments do not name their dimensions. Acrobot and Pendulum render at another rate than they step.
 _KNOWN: dict[str, dict[str, Any]] = {
     "MountainCar-v0": {
@@ -51,6 +69,8 @@ _KNOWN: dict[str, dict[str, Any]] = {
         "action": (("torque", "N m"),),
         "step_seconds": 0.05,
     },
+    "Hopper-v4": _HOPPER,
+    "Hopper-v5": _HOPPER,
 }
 
 

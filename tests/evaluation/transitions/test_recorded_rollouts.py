@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import torch
-from builders import car_transitions
+from builders import CAR, car_transitions
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from learning import drive, swing, untrained_model
@@ -106,6 +106,15 @@ def test_the_same_seed_takes_the_same_stretches_and_another_takes_others() -> No
     test = car_transitions([100, 80, 95])
     np.testing.assert_array_equal(replay(test, seed=3).states, replay(test, seed=3).states)
     assert (replay(test, seed=3).states != replay(test, seed=4).states).any()
+
+
+def test_every_stretch_knows_its_episode_also_of_some_of_them() -> None:
+    test = random_transitions(CAR, [25, 4, 12], np.random.default_rng(0))
+    truth, numbers = replay(test, episodes=9), list(dict.fromkeys(test.episode.tolist()))
+    assert truth.episode.tolist() == [numbers[0], numbers[0], numbers[2]]
+    assert truth.select([2, 0]).episode.tolist() == [numbers[2], numbers[0]]
+    for states, episode in zip(truth.states, truth.episode, strict=True):
+        assert (test.observation[test.episode == episode] == states[0]).all(axis=1).any()
 
 
 def test_all_stretches_are_taken_in_order_where_there_are_no_more_than_asked_for() -> None:

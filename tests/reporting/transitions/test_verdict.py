@@ -3,10 +3,10 @@ import dataclasses
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from report_examples import candidate, evaluation, evaluation_json, table
+from report_examples import OTHERS, beside, candidate, evaluation, evaluation_json, table
 
 from addressed_dynamics.evaluation.transitions.records import Evaluation
-from addressed_dynamics.reporting.common.comparison import relate
+from addressed_dynamics.reporting.common.comparison import Interval, relate
 from addressed_dynamics.reporting.common.targets import Target
 from addressed_dynamics.reporting.transitions.paper import PAPER
 from addressed_dynamics.reporting.transitions.targets import judge_targets
@@ -49,6 +49,45 @@ def test_one_seed_that_is_worse_makes_the_difference_unclear() -> None:
     assert "It does not beat one network of as many parameters as members and addressing together" in said(
         Evaluation.model_validate(document)
     )
+
+
+def resampled(one_step: tuple[float, float], rollout: tuple[float, float]) -> str:
+    """What is said where every other's errors are ten times ours, with these intervals."""
+    document = evaluation_json((1e-7, 1e-6), (1e-6, 1e-5))
+    for name in OTHERS:
+        document["candidates"][name]["beside_delivered"] = beside(one_step, rollout)
+    return said(Evaluation.model_validate(document))
+
+
+def test_nothing_is_better_where_other_episodes_could_turn_it_round() -> None:
+    text = resampled((0.9, 14.0), (0.8, 20.0))
+    assert "It does not beat one network of as many parameters as its members together" in text
+    assert "against 1.0 × 10⁻⁶ (one seed), 0.900 to 14.0 times the delivered model's: no clear difference" in plain(
+        text
+    )
+    assert "It does not beat the paper's one wide network" in text
+    text = resampled((6.0, 14.0), (0.8, 20.0))
+    assert "It is only in part (one step ahead) better than one network of as many parameters" in text
+
+
+def test_an_interval_that_leaves_no_doubt_is_said_with_the_numbers() -> None:
+    text = resampled((6.0, 14.0), (5.0, 20.0))
+    assert "It beats one network of as many parameters as its members together" in text
+    assert "against 1.0 × 10⁻⁶ (one seed), 6.00 to 14.0 times the delivered model's: lower" in plain(text)
+    assert "(2,000 draws of the held-out episodes, of which 5 are the least) does not have 1 in it." in text
+
+
+def test_of_too_few_episodes_nothing_is_said_to_be_better() -> None:
+    document = evaluation_json((1e-7, 1e-6), (1e-6, 1e-5))
+    nothing = {"one_step": None, "rollouts": None, "dimensions": {"position": None, "velocity": None}}
+    document["candidates"]["total_parameters/seed-0"]["beside_delivered"] = nothing
+    text = said(Evaluation.model_validate(document))
+    assert "It does not beat one network of as many parameters as its members together" in text
+    assert "(one seed), of too few episodes to tell: no clear difference; position in rollouts" in text
+
+
+def plain(text: str) -> str:
+    return text.replace("\u202f", " ")
 
 
 def recommending(name: str, *, why: str, better: bool = True) -> str:
@@ -191,3 +230,12 @@ def test_an_experiment_with_another_paper_has_its_figures() -> None:
     table = dataclasses.replace(CAR_PAPER.table, misclassified_at_most=1.0)
     paper = dataclasses.replace(CAR_PAPER, table=table, rollouts={})
     assert [target.met for target in judge_targets(evaluation(), paper, transitions=1000)] == [True, True, False]
+
+
+@given(errors, errors, st.lists(st.tuples(st.floats(0.01, 10), st.floats(0.01, 10)), max_size=3))
+def test_an_interval_takes_a_relation_back_and_never_makes_one(
+    own: list[float], other: list[float], ends: list[tuple[float, float]]
+) -> None:
+    intervals = [Interval(min(pair), max(pair)) for pair in ends]
+    doubtful = any(each.low <= 1 <= each.high for each in intervals)
+    assert relate(own, other, intervals) == ("unclear" if doubtful else relate(own, other))

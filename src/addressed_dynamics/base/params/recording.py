@@ -73,6 +73,47 @@ class ConstantBehaviour(Section):
     """The action: its number if discrete, else its components in the environment's units."""
 
 
+class JointParams(Section):
+    """A joint that a gait moves, and how."""
+
+    name: str
+    angle: str
+    """Name of the dimension of the state with its angle."""
+    velocity: str
+    """Name of the dimension with its velocity."""
+    centre: float = 0.0
+    """Angle that it swings about, in the unit of the angle."""
+    swing: Annotated[float, Field(ge=0.0)] = 0.0
+    """How far it swings to either side."""
+    phase: float = 0.0
+    """Where in its sine it is when a gait begins, in rad."""
+
+
+class GaitBehaviour(Section):
+    """A gait that nobody has learned: a spring and a damper draw every joint after a sine.
+
+    Every episode begins with a gait of its own and after a while has another, so that no two are alike. An action of
+    more than the environment allows is cut to its bounds.
+    """
+
+    kind: Literal["gait"]
+    joints: Annotated[tuple[JointParams, ...], BeforeValidator(by_name), Field(min_length=1)]
+    """Each under its name, in the order of the action's components."""
+    period_steps: Positive
+    """Steps in a period of the sines."""
+    stiffness: Positive
+    """Action for each unit by which an angle is off."""
+    damping: Annotated[float, Field(ge=0.0)] = 0.0
+    """Action against each unit of a joint's velocity."""
+    variation: Annotated[float, Field(ge=0.0)] = 0.0
+    """Standard deviation among gaits: of the logarithm of period, stiffness and swings; of centres and phases in their
+    units."""
+    mean_gait_steps: Annotated[float, Field(ge=1.0)] = 200.0
+    """Mean number of steps for which a gait lasts (geometric)."""
+    noise: Annotated[float, Field(ge=0.0)] = 0.0
+    """Standard deviation of what is added to every action, as a share of half of its range."""
+
+
 class GreedyBehaviour(Section):
     """The policy that an earlier `dqn` segment ended with, with its frame skip and a share of random actions."""
 
@@ -101,7 +142,8 @@ class SignBehaviour(Section):
 Unlearned = Annotated[RandomBehaviour | ConstantBehaviour | SignBehaviour, Field(discriminator="kind")]
 """Behaviours that need nobody who has learned."""
 Behaviour = Annotated[
-    DqnBehaviour | RandomBehaviour | ConstantBehaviour | GreedyBehaviour | SignBehaviour, Field(discriminator="kind")
+    DqnBehaviour | RandomBehaviour | ConstantBehaviour | GaitBehaviour | GreedyBehaviour | SignBehaviour,
+    Field(discriminator="kind"),
 ]
 
 

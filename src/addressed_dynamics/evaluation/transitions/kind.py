@@ -75,7 +75,7 @@ def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int
         *recorded_change(model.features),
     ]
     predicted = roll_out(candidates, truth, cores=cores)
-    results, rollouts, horizon = evaluate_candidates(
+    results, rollouts, horizon, paired = evaluate_candidates(
         candidates, points["test"], truth, params.rollouts, loss, predicted, seen_range(points["train"].transitions)
     )
     other = load_other_recipe(models / "baselines", candidates)
@@ -112,6 +112,7 @@ def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int
     report["trust"] = trusted.record
     untrained = untrained_ensemble(model.features.inputs, model.features.outputs, recipe, seed=first)
     arrays = figure_arrays(model, untrained, points["test"], truth, predicted["ensemble/argmax"], loss)
+    arrays |= paired.arrays()
     if pair := load_pair(models / "baselines"):
         network, seed = pair
         two = recipe.model_copy(update={"members": network.members})

@@ -174,6 +174,28 @@ class RolloutPhysics(Record):
     """What stands beside the models, by their names in horizon.csv."""
 
 
+class RatioResult(Record):
+    """An error in multiples of the delivered model's on the same episodes, with its 95 % interval over episodes."""
+
+    value: float
+    low: float
+    high: float
+
+
+class BesideDelivered(Record):
+    """The errors of a candidate in multiples of the delivered model's.
+
+    None where there are too few episodes, where nothing is to divide by, or of rollouts where there are none.
+    """
+
+    one_step: RatioResult | None
+    """Of the mean losses of states scaled to [0, 1]."""
+    rollouts: RatioResult | None
+    """Of the medians over rollouts of the mean squared error, in ranges, over all dimensions."""
+    dimensions: dict[str, RatioResult | None]
+    """The same of each dimension of the state."""
+
+
 class CandidateResult(Record):
     """All that was measured of one candidate."""
 
@@ -183,6 +205,8 @@ class CandidateResult(Record):
     """Of one prediction, addressing included; None if unknown, as in results of earlier versions."""
     one_step: OneStepResult
     rollouts: RolloutResult | None = None
+    beside_delivered: BesideDelivered | None = None
+    """None of the oracle, and in results of earlier versions."""
 
 
 class Recipe(Record):

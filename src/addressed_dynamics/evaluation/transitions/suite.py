@@ -21,6 +21,7 @@ from addressed_dynamics.evaluation.transitions.one_step import (
     scaled_losses,
     summarise,
 )
+from addressed_dynamics.evaluation.transitions.paired import PairedErrors, paired_errors
 from addressed_dynamics.evaluation.transitions.points import Points
 from addressed_dynamics.evaluation.transitions.rollouts import (
     evaluate_rollouts,
@@ -28,6 +29,7 @@ from addressed_dynamics.evaluation.transitions.rollouts import (
     finite,
     flown_off_share,
 )
+from addressed_dynamics.evaluation.transitions.summary import DELIVERED
 from addressed_dynamics.evaluation.transitions.truth import TrueRollouts
 from addressed_dynamics.features.transitions.spec import FeatureSpec
 from addressed_dynamics.features.transitions.windows import shorter_episodes
@@ -104,6 +106,15 @@ def evaluate_candidate(candidate: Candidate, points: Points, loss: str) -> dict[
     Raises:
         EvaluationError: it is given more or fewer frames than the points have.
     """
+    return _candidate_result(candidate, predicted_states(candidate, points), points, loss)
+
+
+def predicted_states(candidate: Candidate, points: Points) -> Float[Tensor, "point observation"]:
+    """Return the next states that a candidate predicts.
+
+    Raises:
+        EvaluationError: it is given more or fewer frames than the points have.
+    """
     given = points.features.history if candidate.model is None else candidate.model.features.history
     if given != points.features.history:
         message = (
@@ -111,12 +122,17 @@ def evaluate_candidate(candidate: Candidate, points: Points, loss: str) -> dict[
             f"'{candidate.name}' is given {given}: make features.history the same in both recipes"
         )
         raise EvaluationError(message)
-    errors = one_step_errors(predict_all(candidate.predictor, points), points, loss)
+    return predict_all(candidate.predictor, points)
+
+
+def _candidate_result(
+    candidate: Candidate, predicted: Float[Tensor, "point observation"], points: Points, loss: str
+) -> dict[str, Any]:
     return {
         "label": candidate.label,
         "parameters": candidate.parameters,
         "multiply_adds": candidate.multiply_adds,
-        "one_step": errors,
+        "one_step": one_step_errors(predicted, points, loss),
     }
 
 
@@ -128,7 +144,7 @@ def evaluate_candidates(
     loss: str,
     predicted: Mapping[str, Float32[np.ndarray, "episode step state"]],
     seen: Float64[np.ndarray, "2 state"],
-) -> tuple[dict[str, Any], dict[str, Any], list[dict[str, Any]]]:
+) -> tuple[dict[str, Any], dict[str, Any], list[dict[str, Any]], PairedErrors]:
     """Measure all candidates one step ahead and, where they can be rolled out, in free-running rollouts.
 
     Args:
@@ -141,12 +157,15 @@ def evaluate_candidates(
         seen: range of the states that they were trained on (`seen_range`).
 
     Returns:
-        The errors of every candidate by its name; what the rollouts are held against; rows of errors against horizon.
+        The errors of every candidate by its name; what the rollouts are held against; rows of errors against horizon;
+        the errors by episode.
     """
     physics, horizon = evaluate_simulations(rollouts, truth, points.features.spaces)
-    results = {}
+    results, losses = dict[str, Any](), dict[str, Tensor]()
     for candidate in candidates:
-        results[candidate.name] = evaluate_candidate(candidate, points, loss)
+        states = predicted_states(candidate, points)
+        losses[candidate.name] = scaled_losses(states, points, loss)
+        results[candidate.name] = _candidate_result(candidate, states, points, loss)
         if candidate.name in predicted:
             results[candidate.name]["rollouts"], rows = evaluate_rollouts(
                 candidate.name, predicted[candidate.name], truth, points.features.spaces, physics=physics is not None
@@ -156,6 +175,10 @@ def evaluate_candidates(
             )
             results[candidate.name]["rollouts"]["flown_off_share"] = flown_off_share(predicted[candidate.name], seen)
             horizon += rows
+    paired = paired_errors(losses, points, predicted, truth)
+    state = points.features.spaces.observation_names
+    for name, ratios in paired.beside(DELIVERED, state, points.features.scale).items():
+        results[name]["beside_delivered"] = ratios
     names = [dimension.name for dimension in points.features.spaces.exogenous]
     source = {
         "kind": rollouts.kind,
@@ -166,7 +189,7 @@ def evaluate_candidates(
         "physics": physics,
         **({"exogenous": names} if names else {}),
     }
-    return results, source, horizon
+    return results, source, horizon, paired
 
 
 def figure_arrays(

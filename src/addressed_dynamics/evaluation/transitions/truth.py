@@ -39,6 +39,8 @@ class TrueRollouts:
     """Held-out episodes that no rollout is from because they are shorter than one."""
     exogenous: Float32[np.ndarray, "episode time exogenous"] | None = None
     """The exogenous inputs beside the H - 1 + T actions, those of the history first; None if there are none."""
+    episode: Int64[np.ndarray, " episode"] | None = None
+    """Held-out episode that each is a stretch of; None beside an environment, where each is an episode of its own."""
 
     @property
     def steps(self) -> int:
@@ -57,6 +59,7 @@ class TrueRollouts:
             self.too_short,
             self.dropped,
             None if self.exogenous is None else self.exogenous[rows],
+            None if self.episode is None else self.episode[rows],
         )
 
 
@@ -125,7 +128,15 @@ def replay_recorded(
     too_short = {segment: length for segment, length in longest.items() if length < steps + history - 1}
     dropped = shorter_episodes(test, steps + history - 1)
     return TrueRollouts(
-        states, test.action[within], history_states, test.action[before], groups, too_short, dropped, exogenous
+        states,
+        test.action[within],
+        history_states,
+        test.action[before],
+        groups,
+        too_short,
+        dropped,
+        exogenous,
+        test.episode[chosen],
     )
 
 

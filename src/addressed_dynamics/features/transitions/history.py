@@ -13,10 +13,8 @@ from addressed_dynamics.features.common.samples import BLOCK_ROWS, Samples
 from addressed_dynamics.features.common.training_data import Choice
 from addressed_dynamics.features.transitions.spec import fit_features
 from addressed_dynamics.features.transitions.windows import window_rows
-from addressed_dynamics.sources.transitions.params import FeatureParams
+from addressed_dynamics.sources.transitions.params import HISTORIES, FeatureParams
 
-HISTORIES = (1, 2, 4, 6)
-"""Numbers of frames that are tried."""
 LEAST_SHARE = 0.9
 """Share of the training transitions that must have so many frames of their episode before them."""
 ABOUT_AS_GOOD = 1.02

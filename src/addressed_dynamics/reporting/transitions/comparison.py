@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import inf
 from statistics import median
 
-from addressed_dynamics.evaluation.transitions.records import CandidateResult
-from addressed_dynamics.reporting.common.comparison import Comparison, Relation, relate
-from addressed_dynamics.reporting.common.numbers import listed, scientific
+from addressed_dynamics.evaluation.transitions.records import CandidateResult, RatioResult
+from addressed_dynamics.reporting.common.comparison import UNKNOWN, Comparison, Interval, Relation, relate
+from addressed_dynamics.reporting.common.numbers import listed, scientific, significant
 
 MOST_NUMBERS = 3
 """Errors of which a sentence has the numbers; of more it says which are lower."""
@@ -20,16 +21,30 @@ _WORDS = {"better": "lower", "worse": "higher", "unclear": "no clear difference"
 
 
 def compare(own: Sequence[CandidateResult], other: Sequence[CandidateResult]) -> tuple[Comparison, ...]:
-    """Compare two models, each from some seeds: mean one-step error, and the median error of rollouts by dimension."""
+    """Compare two models, each from some seeds: mean one-step error, and the median error of rollouts by dimension.
+
+    The first of ours is the delivered one, which the intervals of the other are held against.
+    """
+    beside = [each.beside_delivered for each in other if each.beside_delivered is not None]
     errors = {"one step ahead": [[each.one_step.scaled.mean for each in group] for group in (own, other)]}
+    ratios = {"one step ahead": [each.one_step for each in beside]}
     first = own[0].rollouts
     for name in first.all.mse if first else ():
         errors[name + _IN_ROLLOUTS] = [_rollout_medians(group, name) for group in (own, other)]
+        ratios[name + _IN_ROLLOUTS] = [each.dimensions.get(name) for each in beside]
     return tuple(
-        Comparison(quantity, tuple(ours), tuple(theirs), relate(ours, theirs))
+        _comparison(quantity, ours, theirs, ratios[quantity])
         for quantity, (ours, theirs) in errors.items()
         if ours and theirs
     )
+
+
+def _comparison(
+    quantity: str, own: Sequence[float], other: Sequence[float], ratios: Sequence[RatioResult | None]
+) -> Comparison:
+    intervals = [UNKNOWN if ratio is None else Interval(ratio.low, ratio.high) for ratio in ratios]
+    widest = Interval(min(each.low for each in intervals), max(each.high for each in intervals)) if intervals else None
+    return Comparison(quantity, tuple(own), tuple(other), relate(own, other, intervals), widest)
 
 
 def beats(comparisons: Sequence[Comparison]) -> str:
@@ -62,7 +77,18 @@ def details(comparisons: Sequence[Comparison]) -> str:
 def spread_over_seeds(comparison: Comparison) -> str:
     """Return one comparison with the spread of both sides and what follows."""
     ours, theirs = (_spread(errors) for errors in (comparison.own, comparison.other))
-    return f"{comparison.quantity} {ours} against {theirs}: {_WORDS[comparison.relation]}"
+    return f"{comparison.quantity} {ours} against {theirs}{_interval(comparison)}: {_WORDS[comparison.relation]}"
+
+
+def _interval(comparison: Comparison) -> str:
+    """Return how many times the delivered model's the other's error is, if that was asked for."""
+    match comparison.interval:
+        case None:
+            return ""
+        case Interval(low, high) if high < inf:
+            return f", {significant(low)} to {significant(high)} times the delivered model's"
+        case _:
+            return ", of too few episodes to tell"
 
 
 def _spread(errors: Sequence[float]) -> str:

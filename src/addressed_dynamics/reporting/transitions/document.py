@@ -18,6 +18,7 @@ from addressed_dynamics.reporting.transitions.claims import claims_table, specia
 from addressed_dynamics.reporting.transitions.figures import comparison, episodes, members, physics
 from addressed_dynamics.reporting.transitions.figures.angles import angle_forms
 from addressed_dynamics.reporting.transitions.overview import overview_table
+from addressed_dynamics.reporting.transitions.paired import paired_table
 from addressed_dynamics.reporting.transitions.paper import PaperFigures
 from addressed_dynamics.reporting.transitions.quality import quality_blocks, warning_paragraphs
 from addressed_dynamics.reporting.transitions.recipes import recipes_table
@@ -189,6 +190,7 @@ def _one_step_blocks(
     return (
         *stated,
         tables.one_step_table(evaluation, _efforts(results, origin), paper),
+        *((pairs,) if (pairs := paired_table(evaluation)) else ()),
         comparison.candidates(evaluation, features.spaces.observation),
         episodes.one_step_prediction(results.arrays, features.spaces.observation, features.angles),
         *((angle_forms(features.angle_from),) if features.angles else ()),

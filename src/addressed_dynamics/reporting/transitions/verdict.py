@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from statistics import mean
 
+from addressed_dynamics.evaluation.common.bootstrap import COVERAGE, DRAWS, FEWEST_EPISODES
 from addressed_dynamics.evaluation.common.sizes import total_size
 from addressed_dynamics.evaluation.transitions.records import (
     ADDRESSED,
@@ -137,7 +138,7 @@ def findings(evaluation: Evaluation, paper: PaperFigures | None) -> tuple[str, .
     if len(evaluation.candidates) > len(own):
         sentences.append(
             "Comparisons are of medians over seeds; an error counts as lower if it is so from every seed and by more "
-            f"than {percent(MARGIN - 1, 0)}."
+            f"than {percent(MARGIN - 1, 0)}{_resampled(evaluation)}."
         )
     return tuple(sentences)
 
@@ -152,6 +153,16 @@ def _of_delivered(evaluation: Evaluation) -> list[str]:
         f"{scientific(chosen.one_step.scaled.mean)} one step ahead, of states scaled to [0, 1]; what follows is about "
         f"the addressed ensemble, which has {scientific(own.one_step.scaled.mean)}."
     ]
+
+
+def _resampled(evaluation: Evaluation) -> str:
+    """Say what else a comparison asks for, where it is known."""
+    if not any(each.beside_delivered for each in evaluation.candidates.values()):
+        return ""
+    return (
+        f", and if the {percent(COVERAGE, 0)} interval of the other's error in multiples of the delivered model's "
+        f"({DRAWS:,} draws of the held-out episodes, of which {FEWEST_EPISODES} are the least) does not have 1 in it"
+    )
 
 
 def _one_step(evaluation: Evaluation) -> str:

@@ -55,6 +55,10 @@ class AngleParams(Section):
     """Name of the dimension with its velocity, in rad/s, if there is one."""
 
 
+HISTORIES = (1, 2, 4, 6)
+"""Numbers of frames that are tried where validation is to say how many."""
+
+
 class FeatureSection(Section):
     """What a network is given and what it is asked for; of how many frames, validation may say."""
 
@@ -212,11 +216,13 @@ class ExperimentParams(Section):
 
     @model_validator(mode="after")
     def _shifts_are_as_long_as_a_history(self) -> ExperimentParams:
+        history = self.features.history
+        frames = max(HISTORIES) if history == "auto" else history
         for shift in self.evaluation.shifts:
-            if shift.steps < self.features.history:
+            if shift.steps < frames:
                 message = (
                     f"evaluation.shifts.{shift.name}.steps is {shift.steps}, but features.history asks for "
-                    f"{self.features.history} frames; raise it"
+                    f"{'up to ' if history == 'auto' else ''}{frames} frames; raise it"
                 )
                 raise ValueError(message)
         return self

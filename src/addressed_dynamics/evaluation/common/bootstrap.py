@@ -1,0 +1,97 @@
+"""How far the ratio of two models' errors hangs on which episodes were held out: a paired bootstrap over episodes.
+
+Steps of an episode are alike, so the episode is what is drawn: as many as there are, with repetition, the same ones for
+both models.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from jaxtyping import Float64, Int64
+
+COVERAGE = 0.95
+"""Share of the draws that lie in an interval."""
+DRAWS = 2_000
+SEED = 0
+"""Where the draws come from: the same for all pairs, so that what is compared is compared on the same episodes."""
+FEWEST_EPISODES = 5
+"""With fewer episodes there is no interval: a handful of draws would look surer than they are."""
+
+Errors = Float64[np.ndarray, " part"]
+"""Errors of a model in parts of episodes: one for each episode, or for each of its rollouts."""
+
+
+@dataclass(frozen=True)
+class Ratio:
+    """An error in multiples of another, with the interval that holds most of the draws."""
+
+    value: float
+    """On the episodes as they are."""
+    low: float
+    high: float
+
+
+def ratio_of_sums(errors: Errors, others: Errors, episode: Int64[np.ndarray, " part"]) -> Ratio | None:
+    """Return the ratio of two sums of errors, and so of the means over the same steps.
+
+    Args:
+        errors: of one model, not negative.
+        others: of the model that is compared with, in the same parts.
+        episode: which episode each part is of.
+
+    Returns:
+        None with fewer than `FEWEST_EPISODES` episodes, or if the other's error is zero in a draw.
+    """
+    return _ratio(errors, others, episode, lambda values, draws: draws @ values)
+
+
+def ratio_of_medians(errors: Errors, others: Errors, episode: Int64[np.ndarray, " part"]) -> Ratio | None:
+    """Return the ratio of the medians of two models' errors over the parts, as `ratio_of_sums` does.
+
+    A median jumps from one part to the next, and those of a pair are of different parts: the interval is rather too
+    wide than too narrow.
+    """
+    return _ratio(errors, others, episode, weighted_medians)
+
+
+def weighted_medians(
+    values: Float64[np.ndarray, " part"], weights: Int64[np.ndarray, "draw part"]
+) -> Float64[np.ndarray, " draw"]:
+    """Return the median of the values in each draw, in which each value is there so many times."""
+    order = np.argsort(values, kind="stable")
+    ordered, upto = values[order], np.cumsum(weights[:, order], axis=1)
+    number = upto[:, -1:]
+    below, above = ((upto > place).argmax(axis=1) for place in ((number - 1) // 2, number // 2))
+    medians: Float64[np.ndarray, " draw"] = (ordered[below] + ordered[above]) / 2.0
+    return medians
+
+
+def _ratio(
+    errors: Errors,
+    others: Errors,
+    episode: Int64[np.ndarray, " part"],
+    statistic: Callable[[Errors, Int64[np.ndarray, "draw part"]], Float64[np.ndarray, " draw"]],
+) -> Ratio | None:
+    found, place = np.unique(episode, return_inverse=True)
+    if len(found) < FEWEST_EPISODES:
+        return None
+    as_they_are = np.ones((1, len(found)), dtype=np.int64)
+    weights = np.concatenate([as_they_are, _draws(len(found))])[:, place]
+    own, other = statistic(errors, weights), statistic(others, weights)
+    if not (other > 0).all():
+        return None
+    ratios = own / other
+    tail = (1.0 - COVERAGE) / 2.0
+    low, high = np.quantile(ratios[1:], [tail, 1.0 - tail])
+    return Ratio(float(ratios[0]), float(low), float(high))
+
+
+@lru_cache(maxsize=4)
+def _draws(episodes: int) -> Int64[np.ndarray, "draw episode"]:
+    """Return how often each episode is drawn, in their order by number."""
+    generator = np.random.default_rng(SEED)
+    return generator.multinomial(episodes, np.full(episodes, 1.0 / episodes), size=DRAWS)

@@ -1,0 +1,106 @@
+"""The errors of all candidates by held-out episode, and each in multiples of the delivered model's."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float, Float32, Float64, Int64
+from torch import Tensor
+
+from addressed_dynamics.evaluation.common.bootstrap import Ratio, ratio_of_medians, ratio_of_sums
+from addressed_dynamics.evaluation.transitions.points import Points
+from addressed_dynamics.evaluation.transitions.rollouts import finite
+from addressed_dynamics.evaluation.transitions.truth import TrueRollouts
+
+
+@dataclass(frozen=True)
+class PairedErrors:
+    """Errors of the candidates on the same episodes."""
+
+    episode: Int64[np.ndarray, " episode"]
+    """Numbers of the held-out episodes."""
+    samples: Int64[np.ndarray, " episode"]
+    """Points in each."""
+    one_step: Mapping[str, Float64[np.ndarray, " episode"]]
+    """Of each candidate, the sum over an episode's points of the loss of states scaled to [0, 1]."""
+    rollout_episode: Int64[np.ndarray, " rollout"]
+    """Episode that each rollout is from; beside an environment, its own."""
+    rollouts: Mapping[str, Float64[np.ndarray, "rollout observation"]]
+    """Of each candidate that can be rolled out, the mean squared error of each rollout, in units of the state."""
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Return all of it as named arrays; a row of the errors is a candidate."""
+        return {
+            "paired_episode": self.episode,
+            "paired_samples": self.samples,
+            "paired_candidates": np.array(list(self.one_step)),
+            "paired_one_step": np.stack(list(self.one_step.values())),
+            "paired_rollout_episode": self.rollout_episode,
+            "paired_rollout_candidates": np.array(list(self.rollouts)),
+            "paired_rollouts": np.stack(list(self.rollouts.values())),
+        }
+
+    def beside(self, delivered: str, names: tuple[str, ...], scale: tuple[float, ...]) -> dict[str, dict[str, Any]]:
+        """Return each candidate's errors in multiples of the delivered model's, as evaluation.json has them.
+
+        Args:
+            delivered: name of the delivered model.
+            names: of the dimensions of the state.
+            scale: range of each.
+
+        Returns:
+            By candidate: `one_step`, the ratio of the mean losses; `rollouts`, that of the medians over rollouts of the
+            mean squared error in ranges, over all dimensions; `dimensions`, the same of each alone. None where there
+            are too few episodes or nothing to divide by.
+        """
+        return {
+            name: {
+                "one_step": _written(ratio_of_sums(losses, self.one_step[delivered], self.episode)),
+                "rollouts": self._of_rollouts(name, delivered, np.array(scale) ** -2.0 / len(scale)),
+                "dimensions": {
+                    dimension: self._of_rollouts(name, delivered, np.eye(len(names))[index])
+                    for index, dimension in enumerate(names)
+                },
+            }
+            for name, losses in self.one_step.items()
+        }
+
+    def _of_rollouts(
+        self, name: str, delivered: str, weights: Float64[np.ndarray, " observation"]
+    ) -> dict[str, float] | None:
+        if name not in self.rollouts:
+            return None
+        errors, others = (self.rollouts[each] @ weights for each in (name, delivered))
+        return _written(ratio_of_medians(errors, others, self.rollout_episode))
+
+
+def paired_errors(
+    losses: Mapping[str, Float[Tensor, " point"]],
+    points: Points,
+    predicted: Mapping[str, Float32[np.ndarray, "rollout step observation"]],
+    truth: TrueRollouts,
+) -> PairedErrors:
+    """Return the errors by episode.
+
+    Args:
+        losses: of every point, by candidate.
+        points: what they are of.
+        predicted: what the candidates predict in their rollouts.
+        truth: what really happened.
+    """
+    episode, place, samples = np.unique(points.episode, return_inverse=True, return_counts=True)
+    sums = {
+        name: np.bincount(place, weights=each.to(torch.float64).numpy(), minlength=len(episode))
+        for name, each in losses.items()
+    }
+    errors = {name: ((finite(states) - truth.states[:, 1:]) ** 2).mean(axis=1) for name, states in predicted.items()}
+    own = np.arange(len(truth.states)) if truth.episode is None else truth.episode
+    return PairedErrors(episode, samples, sums, own, errors)
+
+
+def _written(ratio: Ratio | None) -> dict[str, float] | None:
+    return None if ratio is None else asdict(ratio)
