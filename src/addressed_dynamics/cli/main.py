@@ -190,6 +190,24 @@ def print_source_keys() -> None:
 
 
 @app.command()
+def trust(
+    models: Annotated[Path, typer.Argument(metavar="MODELS", help="Models of an experiment: data/models/NAME.")],
+    logs: Annotated[Path, typer.Argument(metavar="LOGS", help="Logs or tables of transitions, or a folder of them.")],
+    candidate: Annotated[str | None, typer.Option(help="Which model; the delivered one by default.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document instead of a table.")] = False,
+) -> None:
+    """Say how far a model is to be trusted on logs, and whether what they record is still what was modelled."""
+    # PyTorch takes a second to import, and no other command needs it.
+    from addressed_dynamics.cli.judging_logs import judge_logs, trust_view
+
+    found = judge_logs(models, logs, candidate)
+    if as_json:
+        print(json.dumps({"episodes": [each.to_json() for each in found]}, indent=2))
+    else:
+        _console().print(trust_view(logs, found), crop=False)
+
+
+@app.command()
 def ui(port: Annotated[int, typer.Option(min=1, max=65535, help="Port of the web page.")] = 5000) -> None:
     """Browse the runs in MLflow's user interface until Ctrl-C."""
     # MLflow takes seconds to import, and no other command needs it.

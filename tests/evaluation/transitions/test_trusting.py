@@ -1,14 +1,12 @@
 """Whose trust is calibrated, where it is written, and what it is found to be worth on other episodes."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from trusted_models import drifting, trusted_model
+from trusted_models import drifting, trusted_model, write_models
 
 from addressed_dynamics.base.errors import ModelError
-from addressed_dynamics.base.files import write_json
 from addressed_dynamics.evaluation.transitions.candidates import Candidate, predictor_of
 from addressed_dynamics.evaluation.transitions.points import Points
 from addressed_dynamics.evaluation.transitions.trust_records import TrustRecord
@@ -22,7 +20,6 @@ from addressed_dynamics.evaluation.transitions.trusting import (
     window_starts,
 )
 from addressed_dynamics.evaluation.transitions.truth import TrueRollouts
-from addressed_dynamics.networks.files import SavedNetwork, save_network
 from addressed_dynamics.simulators.addressed import AddressedDynamics
 from addressed_dynamics.simulators.delivery import Choice, Origin
 from addressed_dynamics.simulators.trusted import Calibrated, TrustFile, find_trust, write_trust
@@ -112,21 +109,9 @@ def test_the_median_course_is_of_root_mean_squares():
     assert median_course(predicted, truth, np.array([2.0, 2.0])).tolist() == [1.0, 1.0]
 
 
-def written(folder: Path) -> Path:
-    """Write two models and the trust in one of them."""
-    model, partner, trust = trusted_model()
-    keys = ["total_parameters/seed-0", "total_parameters/seed-1"]
-    for key, each in zip(keys, (model, partner), strict=True):
-        save_network(folder / "baselines" / key / "network", SavedNetwork(each.ensemble, each.features, {}))
-    write_json(folder / "baselines" / "baselines.json", {"format": 1, "trained": keys, "pair": []})
-    second = {"candidate": "total_parameters", "seed": 1, "variant": None, "mode": None}
-    write_trust(folder, [Calibrated(Origin("total_parameters", 0), "argmax", trust, second)], None)
-    return folder
-
-
-def test_trust_is_read_as_it_was_written(tmp_path):
+def test_trust_is_read_as_it_was_write_models(tmp_path):
     model, _, _ = trusted_model()
-    loaded = AddressedDynamics.load(written(tmp_path), candidate="total_parameters")
+    loaded = AddressedDynamics.load(write_models(tmp_path), candidate="total_parameters")
     test = drifting(5, 3)
     for name in ("trust", "interval"):
         expected, found = (getattr(each, name)(test.observation, test.action) for each in (model, loaded))
@@ -136,7 +121,7 @@ def test_trust_is_read_as_it_was_written(tmp_path):
 
 
 def test_errors_say_for_which_models_there_is_trust(tmp_path):
-    folder, features = written(tmp_path), trusted_model()[0].features
+    folder, features = write_models(tmp_path), trusted_model()[0].features
     other = AddressedDynamics.load(folder, candidate="total_parameters", seed=1)
     with pytest.raises(ModelError, match=r"total_parameters, seed 1, mode argmax: there is one for candidate"):
         other.trust(np.zeros(2), np.zeros(1))
@@ -149,7 +134,7 @@ def test_errors_say_for_which_models_there_is_trust(tmp_path):
 
 @pytest.mark.parametrize("name", ["trust.json", "trust.safetensors"])
 def test_damaged_trust_is_one_line(tmp_path, name):
-    folder = written(tmp_path)
+    folder = write_models(tmp_path)
     (place,) = (each for each in (folder / "trust").iterdir() if each.is_dir())
     (place / name).write_bytes(b"{}")
     with pytest.raises(ModelError, match=str(place)) as caught:

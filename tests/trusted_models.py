@@ -1,17 +1,22 @@
 """A model whose errors are known: a straight line through noisy data, with a second one from other noise."""
 
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import torch
 
+from addressed_dynamics.base.files import write_json
 from addressed_dynamics.episodes.transitions import ContinuousAction, Dimension, SpaceSpec, Transitions
 from addressed_dynamics.evaluation.transitions.calibration import calibrate
 from addressed_dynamics.evaluation.transitions.points import Points
 from addressed_dynamics.features.transitions.spec import FeatureSpec, fit_features
+from addressed_dynamics.networks.files import SavedNetwork, save_network
 from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.simulators.addressed import AddressedDynamics
+from addressed_dynamics.simulators.delivery import Origin
 from addressed_dynamics.simulators.trust import Trust
+from addressed_dynamics.simulators.trusted import Calibrated, write_trust
 from addressed_dynamics.sources.transitions.params import FeatureParams
 
 NOISE = 0.1
@@ -69,3 +74,15 @@ def trusted_model(history: int = 1) -> tuple[AddressedDynamics, AddressedDynamic
     model, partner = linear_model(features, train.select(half)), linear_model(features, train.select(~half))
     trust = calibrate(model, partner, Points.of(train, features), Points.of(validation, features), steps=30)
     return AddressedDynamics(features, model.ensemble, trust=trust), partner, trust
+
+
+def write_models(folder: Path) -> Path:
+    """Write two models and the trust in one of them."""
+    model, partner, trust = trusted_model()
+    keys = ["total_parameters/seed-0", "total_parameters/seed-1"]
+    for key, each in zip(keys, (model, partner), strict=True):
+        save_network(folder / "baselines" / key / "network", SavedNetwork(each.ensemble, each.features, {}))
+    write_json(folder / "baselines" / "baselines.json", {"format": 1, "trained": keys, "pair": []})
+    second = {"candidate": "total_parameters", "seed": 1, "variant": None, "mode": None}
+    write_trust(folder, [Calibrated(Origin("total_parameters", 0), "argmax", trust, second)], None)
+    return folder
