@@ -5,8 +5,8 @@ from addressed_dynamics.base.files import atomic_path, write_json
 from addressed_dynamics.base.kinds import supplied
 from addressed_dynamics.base.params.experiments import load_experiment
 from addressed_dynamics.evaluation.common.evaluated import write_evaluated
+from addressed_dynamics.simulators.calibrated import write_trust
 from addressed_dynamics.simulators.delivery import write_delivered
-from addressed_dynamics.simulators.trusted import write_trust
 from pipeline.stage import (
     Call,
     available_cores,

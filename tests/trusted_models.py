@@ -14,9 +14,9 @@ from addressed_dynamics.features.transitions.spec import FeatureSpec, fit_featur
 from addressed_dynamics.networks.files import SavedNetwork, save_network
 from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.simulators.addressed import AddressedDynamics
+from addressed_dynamics.simulators.calibrated import Calibrated, write_trust
 from addressed_dynamics.simulators.delivery import Origin
-from addressed_dynamics.simulators.trust import Trust
-from addressed_dynamics.simulators.trusted import Calibrated, write_trust
+from addressed_dynamics.simulators.trust import Trust, save_trust
 from addressed_dynamics.sources.transitions.params import FeatureParams
 
 NOISE = 0.1
@@ -84,5 +84,9 @@ def write_models(folder: Path) -> Path:
         save_network(folder / "baselines" / key / "network", SavedNetwork(each.ensemble, each.features, {}))
     write_json(folder / "baselines" / "baselines.json", {"format": 1, "trained": keys, "pair": []})
     second = {"candidate": "total_parameters", "seed": 1, "variant": None, "mode": None}
-    write_trust(folder, [Calibrated(Origin("total_parameters", 0), "argmax", trust, second)], None)
+    write_trust(
+        folder,
+        [Calibrated(Origin("total_parameters", 0), "argmax", lambda place: save_trust(place, trust, second))],
+        None,
+    )
     return folder

@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 from addressed_dynamics.base.errors import ModelError
-from addressed_dynamics.base.files import atomic_path, write_json
 from addressed_dynamics.features.transitions.spec import FeatureSpec
 from addressed_dynamics.networks.files import read_index
+from addressed_dynamics.simulators.calibrated import FOLDER, INDEX
 from addressed_dynamics.simulators.delivery import Origin
 from addressed_dynamics.simulators.modes import Mode
-from addressed_dynamics.simulators.trust import Trust, load_trust, partner_of, save_trust
-
-FOLDER = "trust"
-"""Name of the folder in a folder of models."""
-INDEX = "trust.json"
+from addressed_dynamics.simulators.trust import Trust, load_trust, partner_of
 
 
 @dataclass(frozen=True)
@@ -30,36 +24,6 @@ class TrustFile:
     """Which of them it is."""
     mode: Mode
     """How it was loaded."""
-
-
-@dataclass(frozen=True)
-class Calibrated:
-    """The trust in one model."""
-
-    origin: Origin
-    mode: str
-    """The addressing mode in which it was calibrated."""
-    trust: Trust
-    partner: Mapping[str, Any]
-    """Which model the second one is, as arguments of `AddressedDynamics.load`."""
-
-
-def write_trust(models: Path, calibrated: Sequence[Calibrated], missing: str | None) -> None:
-    """Write the trust in some of an experiment's models, in place of what was there.
-
-    Args:
-        models: folder of the experiment's models.
-        calibrated: those that there is one for.
-        missing: why there is none for any; None if there is.
-    """
-    with atomic_path(models / FOLDER) as folder:
-        folder.mkdir(parents=True)
-        entries = []
-        for each in calibrated:
-            name = "-".join(map(str, [each.origin.candidate, each.origin.seed, each.origin.variant or "", each.mode]))
-            save_trust(folder / name, each.trust, dict(each.partner))
-            entries.append({**asdict(each.origin), "mode": each.mode, "folder": name})
-        write_json(folder / INDEX, {"format": 1, "models": entries, "missing": missing})
 
 
 def find_trust(place: TrustFile, features: FeatureSpec) -> Trust:

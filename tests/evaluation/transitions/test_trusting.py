@@ -21,8 +21,9 @@ from addressed_dynamics.evaluation.transitions.trusting import (
 )
 from addressed_dynamics.evaluation.transitions.truth import TrueRollouts
 from addressed_dynamics.simulators.addressed import AddressedDynamics
+from addressed_dynamics.simulators.calibrated import write_trust
 from addressed_dynamics.simulators.delivery import Choice, Origin
-from addressed_dynamics.simulators.trusted import Calibrated, TrustFile, find_trust, write_trust
+from addressed_dynamics.simulators.trusted import TrustFile, find_trust
 from addressed_dynamics.sources.transitions.params import ShiftParams
 
 
@@ -63,7 +64,6 @@ def test_trust_is_judged_on_test_episodes_and_under_shifts():
     model, partner, trust = trusted_model()
     own, other = Origin("total_parameters", 0), Origin("total_parameters", 1)
     pair = Pair(model, own, partner, other)
-    found = Calibrated(own, "argmax", trust, {})
     points = {name: Points.of(drifting(60, seed), model.features) for name, seed in (("validation", 1), ("test", 5))}
     shifts = {"far": drifting(20, 6, scale=30.0), "strong": drifting(20, 7, gain=1.5)}
     kinds = [
@@ -74,7 +74,7 @@ def test_trust_is_judged_on_test_episodes_and_under_shifts():
         for name, kind in (("far", "starts"), ("strong", "mechanics"))
     ]
     errors = {"model": np.array([0.1, 0.5]), "persistence": np.array([0.2, 0.4])}
-    record, arrays = judge_trust(pair, found, points, shifts, kinds, errors)
+    record, arrays = judge_trust(pair, trust, points, shifts, kinds, errors)
     read = TrustRecord.model_validate(record)
     assert read.model == "candidate total_parameters, seed 0"
     one_step = next(each for each in read.coverage if (each.steps, each.asked) == (1, 0.9))

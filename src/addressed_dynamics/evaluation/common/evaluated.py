@@ -9,8 +9,8 @@ import numpy as np
 
 from addressed_dynamics.base.files import save_arrays, write_json, write_rows
 from addressed_dynamics.evaluation.common.measures import MEASURES, Row, rows_of, write_rows_of_measures
+from addressed_dynamics.simulators.calibrated import Calibrated
 from addressed_dynamics.simulators.delivery import Delivered
-from addressed_dynamics.simulators.trusted import Calibrated
 
 
 @dataclass(frozen=True)

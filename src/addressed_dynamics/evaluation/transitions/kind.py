@@ -16,7 +16,7 @@ from addressed_dynamics.episodes.parquet import load_transitions
 from addressed_dynamics.episodes.splits import Split
 from addressed_dynamics.evaluation.common.evaluated import Evaluated
 from addressed_dynamics.evaluation.common.measures import further_rows
-from addressed_dynamics.evaluation.transitions.calibration import reachable
+from addressed_dynamics.evaluation.transitions.calibration import calibrate, reachable
 from addressed_dynamics.evaluation.transitions.candidates import (
     Candidate,
     baseline_candidates,
@@ -48,8 +48,8 @@ from addressed_dynamics.evaluation.transitions.trusting import calibrated, judge
 from addressed_dynamics.evaluation.transitions.truth import true_rollouts
 from addressed_dynamics.features.transitions.spec import FeatureSpec
 from addressed_dynamics.networks.files import load_network
+from addressed_dynamics.simulators.calibrated import Calibrated
 from addressed_dynamics.simulators.delivery import ENSEMBLE, Choice, Delivered
-from addressed_dynamics.simulators.trusted import Calibrated
 from addressed_dynamics.sources.transitions.params import EvaluationParams
 from addressed_dynamics.training.ensemble import untrained_ensemble
 from addressed_dynamics.training.losses import reported_loss
@@ -164,12 +164,15 @@ def _trusted(
         return _Trusted(missing="no second model was trained that could be held against one; train a second seed")
     steps = reachable(points["validation"], params.rollouts.steps)
     try:
-        found = tuple(calibrated(pair, points["train"], points["validation"], steps=steps) for pair in pairs)
+        trusts = [
+            calibrate(each.model, each.partner, points["train"], points["validation"], steps=steps) for each in pairs
+        ]
     except EvaluationError as error:
         return _Trusted(missing=str(error))
     shifts = record_shifts(params.shifts, pairs[0].model.features.spaces)
-    record, arrays = judge_trust(pairs[0], found[0], points, shifts, params.shifts, errors)
-    return _Trusted(found, None, record, arrays)
+    record, arrays = judge_trust(pairs[0], trusts[0], points, shifts, params.shifts, errors)
+    kept = tuple(calibrated(pair, trust) for pair, trust in zip(pairs, trusts, strict=True))
+    return _Trusted(kept, None, record, arrays)
 
 
 def ensemble_recipe(folder: Path, seed: int) -> EnsembleParams:

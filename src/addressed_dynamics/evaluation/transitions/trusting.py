@@ -13,7 +13,6 @@ from jaxtyping import Bool, Float64, Int64
 from addressed_dynamics.episodes.splits import Split
 from addressed_dynamics.episodes.transitions import Transitions
 from addressed_dynamics.evaluation.transitions.calibration import (
-    calibrate,
     follow,
     one_step,
     reachable,
@@ -34,10 +33,10 @@ from addressed_dynamics.evaluation.transitions.trust_measures import (
 )
 from addressed_dynamics.evaluation.transitions.truth import TrueRollouts
 from addressed_dynamics.simulators.addressed import AddressedDynamics
+from addressed_dynamics.simulators.calibrated import Calibrated
 from addressed_dynamics.simulators.delivery import ENSEMBLE, Choice, Origin
 from addressed_dynamics.simulators.modes import MODES
-from addressed_dynamics.simulators.trust import SIGNALS
-from addressed_dynamics.simulators.trusted import Calibrated
+from addressed_dynamics.simulators.trust import SIGNALS, Trust, save_trust
 from addressed_dynamics.sources.transitions.params import ShiftParams
 
 ASKED = (0.5, 0.9)
@@ -98,22 +97,11 @@ def origin_of(candidate: Candidate) -> Origin | None:
     return Origin(kind, int(rest[-1].removeprefix("seed-")))
 
 
-def calibrated(pair: Pair, train: Points, validation: Points, *, steps: int) -> Calibrated:
-    """Return the trust in a model.
-
-    Args:
-        pair: the model and the second one.
-        train: what both were trained on.
-        validation: what they are calibrated on.
-        steps: longest rollouts.
-
-    Raises:
-        EvaluationError: there are too few validation episodes.
-    """
-    trust = calibrate(pair.model, pair.partner, train, validation, steps=steps)
+def calibrated(pair: Pair, trust: Trust) -> Calibrated:
+    """Return what is to be kept of the trust in a model."""
     single = pair.partner.ensemble.members == 1
     partner = {**asdict(pair.partner_origin), "mode": None if single else pair.partner.mode}
-    return Calibrated(pair.origin, pair.model.mode, trust, partner)
+    return Calibrated(pair.origin, pair.model.mode, lambda folder: save_trust(folder, trust, partner))
 
 
 @dataclass(frozen=True)
@@ -133,7 +121,7 @@ class _Looked:
 
 def judge_trust(
     pair: Pair,
-    found: Calibrated,
+    trust: Trust,
     points: Mapping[Split, Points],
     shifts: Mapping[str, Transitions],
     kinds: Sequence[ShiftParams],
@@ -143,24 +131,24 @@ def judge_trust(
 
     Args:
         pair: the model and the second one.
-        found: what was calibrated.
+        trust: what was calibrated.
         points: those of the splits `validation` and `test`.
         shifts: transitions unlike those of the training, by name.
         kinds: what is not as in the training.
         errors: errors of the median rollout against the horizon, of `model` and of the reference that nothing changes.
     """
     splits: tuple[Split, ...] = ("validation", "test")
-    looked = {split: _look(pair, found, points[split]) for split in splits}
+    looked = {split: _look(pair, trust, points[split]) for split in splits}
     test, features = looked["test"], pair.model.features
     scale = np.array(features.scale)
     bad = float(np.quantile(looked["validation"].error, BAD))
-    coverage, horizon, steps = _coverage(pair, found, points["test"], scale)
+    coverage, horizon, steps = _coverage(pair, trust, points["test"], scale)
     record: dict[str, Any] = {
-        "model": str(found.origin),
-        "episodes": found.trust.episodes,
+        "model": str(pair.origin),
+        "episodes": trust.episodes,
         "coverage": coverage,
         "shifts": {
-            kind.name: _shift(pair, found, kind.kind, Points.of(shifts[kind.name], features), looked, bad)
+            kind.name: _shift(pair, trust, kind.kind, Points.of(shifts[kind.name], features), looked, bad)
             for kind in kinds
         },
         "risk": [asdict(each) for each in risk_against_coverage(test.error, test.trust)],
@@ -199,8 +187,8 @@ def _is_other(origin: Origin, own: Origin) -> bool:
     return (origin.candidate, origin.seed) != (own.candidate, own.seed)
 
 
-def _look(pair: Pair, found: Calibrated, points: Points) -> _Looked:
-    trust, scale = found.trust, torch.tensor(pair.model.features.scale)
+def _look(pair: Pair, trust: Trust, points: Points) -> _Looked:
+    scale = torch.tensor(pair.model.features.scale)
     error, scales = one_step(pair.model, pair.partner, trust.gauge, points, torch.arange(len(points)))
     ordered = points.probabilities(pair.model).sort(dim=1, descending=True).values.double().numpy()
     scores = {"trust": trust.unlikely(scales.signals), **dict(zip(SIGNALS, scales.signals, strict=True))}
@@ -212,10 +200,10 @@ def _look(pair: Pair, found: Calibrated, points: Points) -> _Looked:
 
 
 def _coverage(
-    pair: Pair, found: Calibrated, test: Points, scale: Float64[np.ndarray, " dimension"]
+    pair: Pair, trust: Trust, test: Points, scale: Float64[np.ndarray, " dimension"]
 ) -> tuple[list[dict[str, Any]], int | None, int | None]:
     """Return how much intervals cover of the test episodes, and the horizon of trust within so many steps."""
-    trust, names = found.trust, [each.name for each in pair.model.features.spaces.observation]
+    names = [each.name for each in pair.model.features.spaces.observation]
     rows = []
     error, scales = one_step(pair.model, pair.partner, trust.gauge, test, torch.arange(len(test)))
     zero = torch.zeros_like(error).numpy()
@@ -247,10 +235,10 @@ def _covered(
 
 
 def _shift(
-    pair: Pair, found: Calibrated, kind: str, points: Points, looked: Mapping[Split, _Looked], bad: float
+    pair: Pair, trust: Trust, kind: str, points: Points, looked: Mapping[Split, _Looked], bad: float
 ) -> dict[str, Any]:
     """Return how well scores tell bad predictions from good ones, among those under a shift and those of the test."""
-    shifted, test = _look(pair, found, points), looked["test"]
+    shifted, test = _look(pair, trust, points), looked["test"]
     if kind != "mechanics":
         positive = [each.error > bad for each in (shifted, test)]
         scores = [dict(each.scores) | {"surprise": each.surprise} for each in (shifted, test)]
