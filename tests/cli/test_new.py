@@ -14,6 +14,7 @@ from stage_dependencies import ROOT
 
 from addressed_dynamics.base.params.experiments import load_experiment
 from addressed_dynamics.cli import main as cli
+from addressed_dynamics.cli.new import section_text
 from addressed_dynamics.importing.importer import read_samples, wanted_signals
 from addressed_dynamics.importing.looking_at_tables import MOST_FILES
 
@@ -51,6 +52,7 @@ def test_a_new_experiment_is_one_that_the_pipeline_reads_and_its_undo_leaves_not
     assert params.title == "Arm 2"
     assert (params.ensemble.horizon, params.ensemble.linear, params.ensemble.early_stopping) == (4, True, 15)
     assert (params.features.history, params.ensemble.members) == ("auto", 2)
+    assert params.evaluation.deliver == "best"
     text = (folder / "params.yaml").read_text()
     apply_overrides(folder / "params.yaml", ["arm-2.ensemble.epochs=5"])
     changed = (folder / "params.yaml").read_text().splitlines()
@@ -233,3 +235,12 @@ def test_a_folder_that_nobody_may_look_into_is_named(
     status, out, err = run(capsys, monkeypatch, command, *(["arm"] if command == "new" else []), str(folder / "bags"))
     assert (status, out) == (1, "")
     assert err == f"error: {folder}/bags: it cannot be read (Permission denied); ask whoever owns it, or copy it\n"
+
+
+@pytest.mark.parametrize(
+    ("lengths", "expected"),
+    [([999], {"split": "blocks", "validation_share": 0.2}), ([1600], {"split": "blocks"}), ([90] * 12, {})],
+)
+def test_a_short_record_has_more_than_one_block_for_validation(lengths: list[int], expected: dict[str, Any]) -> None:
+    section = YAML(typ="safe").load(section_text("dryer", (), lengths))
+    assert section["convert"] == expected

@@ -3,14 +3,18 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from learning import ADDRESSING, ENSEMBLE, car_samples
+from learning import ADDRESSING, ENSEMBLE, car_samples, swing
 
+from addressed_dynamics.episodes.transitions import Transitions
+from addressed_dynamics.features.transitions.spec import FeatureSpec, fit_features
+from addressed_dynamics.networks.ridge import Ridge, fit_ridge, linear_maps
 from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.simulators.addressed import AddressedDynamics
 from addressed_dynamics.simulators.portable import PortableDynamics
+from addressed_dynamics.sources.transitions.params import FeatureParams
 from addressed_dynamics.training.baselines import total_parameters
 from addressed_dynamics.training.checkpoints import Checkpoint
-from addressed_dynamics.training.ensemble import train_ensemble, untrained_ensemble
+from addressed_dynamics.training.ensemble import HOLDING, train_ensemble, untrained_ensemble
 
 FEATURES, TRAIN, VALIDATION = car_samples()
 STILL = ENSEMBLE.optimiser.model_copy(update={"learning_rate": 1e-30})
@@ -62,3 +66,31 @@ def test_one_network_of_as_many_parameters_counts_the_linear_parts() -> None:
     assert found.linear
     picks = (20 + 1) * 8 + (8 + 1) * 3
     assert abs(one.parameters_total - members.parameters_total - picks) <= 20 + 1 + 4
+
+
+def test_with_a_horizon_they_begin_with_the_best_map_of_those_that_hold_for_many_steps() -> None:
+    # Nothing but noise, and few samples of it: a map that is shrunk more builds less on what it said before.
+    parts = [swing((30,), seed=6), swing((14,), seed=56)]
+    features = fit_features(parts[0], FeatureParams(target="change", history=4))
+    train, validation = (features.samples(each, courses=True) for each in parts)
+    errors = {each.penalty: rolled_out(each, features, parts[1]) for each in linear_maps(train.x, train.y)}
+    holding = [penalty for penalty, error in errors.items() if error <= HOLDING * min(errors.values())]
+    assert fit_ridge((train.x, train.y), (validation.x, validation.y)).penalty not in holding
+    expected = fit_ridge((train.x, train.y), (validation.x, validation.y), holding).weight
+    still = {"optimiser": STILL, "epochs": 1, "cluster_epochs": 1, "horizon": 3, "loss": "mse"}
+    network = next(train_ensemble(train, validation, LINEAR.model_copy(update=still), seed=3, loss_unit=1.0)).network
+    for member in range(2):
+        torch.testing.assert_close(network.linear[0][member], expected)
+
+
+def rolled_out(ridge: Ridge, features: FeatureSpec, world: Transitions) -> float:
+    """The mean squared error of states, from each start to the end of the one episode: of its steps, then of starts."""
+    stack = StackedMLP(1, tuple(ridge.weight.shape), "relu").requires_grad_(False)
+    stack.weights[0].copy_(ridge.weight.unsqueeze(0))
+    stack.biases[0].copy_(ridge.bias.view(1, 1, -1))
+    model, frames, scale = AddressedDynamics(features, stack), features.history, np.array(features.scale)
+    errors = []
+    for start in range(len(world) - frames + 1):
+        predicted = model.rollout(world.observation[None, start : start + frames], world.action[None, start:])[0]
+        errors.append(np.square((predicted - world.next_observation[start + frames - 1 :]) / scale).mean())
+    return float(np.mean(errors))

@@ -27,6 +27,8 @@ MAPPINGS = ("experiments", "recorded", "imported")
 """Mappings at the top of a params file that name experiments."""
 FEW, LONG = 10, 500
 """Fewer episodes than these, one of which has more steps than those, are split in blocks in time."""
+SHORT = 1_600
+"""Fewer steps than these make fewer than 20 blocks, of which a tenth is one for validation: too few to choose by."""
 SMALL = 50_000
 """Fewer transitions than these are seen more often in training, by smaller networks, and through rollouts."""
 SMALL_ENSEMBLE = (
@@ -182,7 +184,8 @@ def _section_lines(name: str, origin: Iterable[str], lengths: Sequence[int]) -> 
     yield from ("paper:", "recipe: default", "paper_recipe: {}")
     yield from origin
     few = len(lengths) < FEW and max(lengths, default=0) > LONG
-    yield "convert: {split: blocks} # in time, for there are few episodes" if few else "convert: {}"
+    blocks = "split: blocks" if sum(lengths) >= SHORT else "split: blocks, validation_share: 0.2"
+    yield f"convert: {{{blocks}}} # in time, for there are few episodes" if few else "convert: {}"
     yield "features: {history: auto} # frames that a network is given: chosen on validation"
     if sum(lengths) < SMALL:
         yield "ensemble: # for few and noisy data: docs/decisions/0017-small-data.md"

@@ -111,12 +111,21 @@ def fit_ridge(
     if not len(validation[0]):
         message = "ridge regression chooses its penalty on validation rows, but there are none"
         raise TrainingError(message)
-    candidates = list(solve(moments(_chunks(*train)), penalties))
+    candidates = linear_maps(*train, penalties)
     errors = np.zeros(len(candidates))
     for x, y in _chunks(*validation):
         given, true = torch.from_numpy(x).float(), torch.from_numpy(y).float()
         errors += [float((given @ each.weight + each.bias - true).abs().double().sum()) for each in candidates]
     return candidates[int(errors.argmin())]
+
+
+def linear_maps(x: Rows, y: Rows, penalties: Sequence[float] = PENALTIES) -> list[Ridge]:
+    """Return the best linear map of some rows under each penalty.
+
+    Raises:
+        TrainingError: there are no rows.
+    """
+    return list(solve(moments(_chunks(x, y)), penalties))
 
 
 def _chunks(x: Rows, y: Rows) -> Chunks:

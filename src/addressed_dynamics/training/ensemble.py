@@ -14,7 +14,7 @@ from addressed_dynamics.base.torch_runtime import named_generator
 from addressed_dynamics.features.common.augmentation import Augment
 from addressed_dynamics.features.common.courses import Courses
 from addressed_dynamics.features.common.samples import Samples
-from addressed_dynamics.networks.ridge import Ridge, fit_ridge
+from addressed_dynamics.networks.ridge import Ridge, fit_ridge, linear_maps
 from addressed_dynamics.networks.stacked import StackedMLP, in_chunks
 from addressed_dynamics.training.checkpoints import Checkpoint
 from addressed_dynamics.training.clustering import assign_to_bins, draw_bins
@@ -23,6 +23,12 @@ from addressed_dynamics.training.losses import REGRESSION_LOSSES, loss_per_sampl
 from addressed_dynamics.training.stopping import Stopping
 from addressed_dynamics.training.update import StackTrainer
 
+START_STEPS = 50
+"""Steps in a row for which the linear map has to hold that members begin with, if they are trained through rollouts."""
+HOLDING = 1.5
+"""A map holds if its error over these steps is no more than so many times the lowest of all penalties."""
+MOST_STARTS = 1000
+"""Validation samples that such rows of steps begin with, evenly spaced, if there are more."""
 Binning = Literal["equal", "lowest_loss", "random"]
 """How samples get their member: Algorithm 1; its ablation without equal bins; fixed random bins."""
 
@@ -70,8 +76,9 @@ def train_ensemble(
     and metrics of the epoch with the lowest `loss/validation`, or `loss/rollout` if there is one (after the restart, if
     there is one), and `epoch/kept` says which that is.
 
-    With `params.linear` every member begins with the linear map that ridge regression finds (the penalty is chosen on
-    validation samples), to which its layers add.
+    With `params.linear` every member begins with the linear map of ridge regression, to which its layers add. Its
+    penalty is chosen on validation samples by the error of a step; with a horizon, of those that hold for `START_STEPS`
+    steps in a row, for the best map of a step may well fly off.
 
     With `augment` the members train on what it makes of their batches; bins and metrics are of the samples as they are.
 
@@ -99,7 +106,7 @@ def train_ensemble(
         message = f"the networks start again after {search} epochs, but {updates} updates end before that: give more"
         raise TrainingError(message)
 
-    start = fit_ridge((train.x, train.y), (validation.x, validation.y)) if params.linear else None
+    start = _linear_start(train, validation, params) if params.linear else None
 
     def begin(epoch: int) -> StackTrainer:
         untrained = untrained_ensemble(train.x.shape[1], train.y.shape[1], params, seed=seed)
@@ -216,6 +223,22 @@ def _unrolled(
     output, target = courses.unroll(stack.forward_all, rows.expand(stack.members, -1), horizon)
     each = loss_per_sample(output, target, loss)
     return torch.where(torch.arange(horizon).unsqueeze(1) < known, each, 0.0).sum(dim=1).T / known.unsqueeze(1)
+
+
+def _linear_start(train: Samples, validation: Samples, params: EnsembleParams) -> Ridge:
+    """Return the linear map that members begin with."""
+    if params.horizon == 1:
+        return fit_ridge((train.x, train.y), (validation.x, validation.y))
+    found = linear_maps(train.x, train.y)
+    stack = StackedMLP(len(found), (train.x.shape[1], train.y.shape[1]), params.activation)
+    rows = torch.arange(0, len(validation), -(-len(validation) // MOST_STARTS))
+    with torch.no_grad():
+        stack.weights[0].copy_(torch.stack([each.weight for each in found]))
+        stack.biases[0].copy_(torch.stack([each.bias for each in found]).unsqueeze(1))
+        losses = _unrolled(stack, validation, rows, reported_loss(params.loss), START_STEPS).double().mean(dim=0)
+    losses = losses.nan_to_num(nan=float("inf"))
+    holding = [each.penalty for each, loss in zip(found, losses, strict=True) if loss <= HOLDING * losses.min()]
+    return fit_ridge((train.x, train.y), (validation.x, validation.y), holding)
 
 
 def _courses(samples: Samples) -> Courses:

@@ -87,7 +87,8 @@ def choose(scores: Mapping[str, Score]) -> tuple[str, bool]:
     """Return the candidate to load, and whether it is worth more than the references.
 
     It is the best of those that are no worse than any reference in rollouts, nor than nothing one step ahead; if there
-    are none, the best reference. A reference that is better one step ahead alone is no reason against a model: least
+    are none, the best of the references that are no worse than another in rollouts: least squares may hold longer than
+    nothing does, and then fly off. A reference that is better one step ahead alone is no reason against a model: least
     squares on six frames of Acrobot have a fifth of its error, and are lost in a sixth of the time.
     """
     references = {name: each for name, each in scores.items() if name.partition("/")[0] in REFERENCES}
@@ -101,7 +102,7 @@ def choose(scores: Mapping[str, Score]) -> tuple[str, bool]:
         for name, each in scores.items()
         if name not in references and each.one_step_percent <= one_step and each.rollout_percent <= rollout
     }
-    among = sound or references
+    among = sound or {name: each for name, each in references.items() if each.rollout_percent <= rollout}
     return min(among, key=lambda name: among[name].rank), bool(sound)
 
 
