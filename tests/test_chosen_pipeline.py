@@ -116,7 +116,9 @@ def test_baselines_are_as_large_as_the_members_that_were_chosen(finished: tuple[
     model, one, other = (
         AddressedDynamics.load(models, candidate=each) for each in ("ensemble", "total_parameters", "paper_recipe")
     )
-    assert one.ensemble.parameters_total == pytest.approx(model.ensemble.parameters_total, rel=0.05)
+    assert model.addressing is not None
+    whole = model.ensemble.parameters_total + model.addressing.parameters_total
+    assert one.ensemble.parameters_total == pytest.approx(whole, rel=0.05)
     assert other.ensemble.members == members
     assert other.features.history == 2
 
