@@ -98,6 +98,10 @@ def test_the_first_seed_decides_for_all_and_the_figures_say_by_what(
     assert "history 2 (1: " in said[1]
 
 
+def test_no_checkpoint_is_left_of_any_training(finished: tuple[Path, list[str]]) -> None:
+    assert [each for each in (finished[0] / ".checkpoints").rglob("*") if each.is_file()] == []
+
+
 def test_the_networks_say_what_was_chosen_and_not_that_it_was_left_open(
     finished: tuple[Path, list[str]], members: int
 ) -> None:

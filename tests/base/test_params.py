@@ -81,7 +81,7 @@ def test_a_shift_stands_under_its_name_and_is_as_long_as_a_history(tmp_path: Pat
     ):
         read(tmp_path, section)
     section["features"]["history"] = "auto"
-    with pytest.raises(ParamsError, match="features.history asks for up to 6 frames"):
+    with pytest.raises(ParamsError, match=r"features\.history asks for up to 6 frames"):
         read(tmp_path, section)
 
 
