@@ -110,7 +110,7 @@ def test_the_networks_say_what_was_chosen_and_not_that_it_was_left_open(
         notes = json.loads((folder / "config.json").read_text())["notes"]
         assert notes["params"]["ensemble"]["members"] == members
         assert notes["params"]["features"]["history"] == 2
-    model = AddressedDynamics.load(models)
+    model = AddressedDynamics.load(models, candidate="ensemble")
     assert model.ensemble.members == members
     assert model.features.history == 2
 
@@ -128,7 +128,7 @@ def test_baselines_are_as_large_as_the_members_that_were_chosen(finished: tuple[
 
 
 def test_a_single_member_is_addressed_by_the_smallest_network(finished: tuple[Path, list[str]], members: int) -> None:
-    addressing = AddressedDynamics.load(finished[0] / "data/models/boat").addressing
+    addressing = AddressedDynamics.load(finished[0] / "data/models/boat", candidate="ensemble").addressing
     assert addressing is not None
     assert (len(addressing.widths) == 2) == (members == 1)
 
