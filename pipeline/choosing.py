@@ -12,19 +12,21 @@ from addressed_dynamics.training.ensemble import evaluate_profiles, train_ensemb
 from addressed_dynamics.training.epochs import Epoch
 from addressed_dynamics.training.losses import reported_loss
 from pipeline.stage import checkpoints_dir
-from pipeline.trainings import Stage, TrackedJob, ensemble_seconds, remove_checkpoints, resumable, train_tracked
+from pipeline.trainings import Stage, TrackedJob, ensemble_seconds, resumable, train_tracked
 
 
 def choose_members(
     stage: Stage, data: TrainingData[Features], section: EnsembleSection
-) -> tuple[EnsembleParams, Choice | None]:
+) -> tuple[EnsembleParams, Choice | None, dict[str, TrackedJob]]:
     """Return how the ensembles are trained, and by what their number of members was chosen, if params leave it open.
+
+    Also returns the trainings that it took, whose checkpoints are to be removed when the stage is done.
 
     All sizes are trained from the first seed, briefly, and then a network that addresses them. What counts is the mean
     loss on validation samples of the subnetworks that it picks.
     """
     if section.members != "auto":
-        return section.with_members(section.members), None
+        return section.with_members(section.members), None, {}
     seed, loss = section.seeds[0], reported_loss(section.loss)
     unit = data.features.loss_unit(loss)
     sizes = {f"members-{number}": brief(section, number) for number in NUMBERS if number <= len(data.train)}
@@ -52,10 +54,10 @@ def choose_members(
     train_tracked(stage, jobs, keep)
     addressing_jobs = {name: _addressing(stage, data, networks[name], loss, seed) for name in jobs}
     train_tracked(stage, addressing_jobs, judge)
-    remove_checkpoints(jobs)
-    remove_checkpoints(addressing_jobs)
     members = best_number({sizes[name].members: each["loss/selected"] for name, each in tried.items()})
-    return section.with_members(members), Choice(members, {str(sizes[name].members): tried[name] for name in jobs})
+    choice = Choice(members, {str(sizes[name].members): tried[name] for name in jobs})
+    brief_jobs = jobs | {f"{name}/addressing": job for name, job in addressing_jobs.items()}
+    return section.with_members(members), choice, brief_jobs
 
 
 def _addressing(stage: Stage, data: TrainingData[Features], network: StackedMLP, loss: str, seed: int) -> TrackedJob:

@@ -5,7 +5,7 @@ from addressed_dynamics.base.params.experiments import load_experiment
 from addressed_dynamics.base.torch_runtime import prepare_torch
 from pipeline.choosing import choice_words, choose_members
 from pipeline.stage import Call, figures_dir, median_of, run_stage, tables_dir, training_processes
-from pipeline.trainings import Stage, train_ensembles
+from pipeline.trainings import Stage, remove_checkpoints, train_ensembles
 
 
 def main(call: Call) -> str:
@@ -14,11 +14,12 @@ def main(call: Call) -> str:
     prepare_torch(threads=1)
     data = kind.load_training_data(tables_dir(call.experiment), sections, sections.features)
     stage = Stage("train_ensemble", call.experiment, call.params_file, training_processes())
-    params, members = choose_members(stage, data, sections.ensemble)
+    params, members, brief_jobs = choose_members(stage, data, sections.ensemble)
     choices = {**data.choices, **({"members": members} if members else {})}
     features = sections.features.model_dump(mode="json") | {name: each.chosen for name, each in data.choices.items()}
     recipe = {"features": features, "ensemble": params.model_dump(mode="json")}
     results = train_ensembles(stage, data, params, recipe, choices)
+    remove_checkpoints(brief_jobs)
     chosen = "".join(f"{choice_words(name, choice)} on validation samples; " for name, choice in choices.items())
     loss = median_of(results, "loss/validation")
     epochs = f"{'at most ' if params.early_stopping else ''}{params.epochs} epochs"

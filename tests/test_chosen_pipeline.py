@@ -98,6 +98,10 @@ def test_the_first_seed_decides_for_all_and_the_figures_say_by_what(
     assert "history 2 (1: " in said[1]
 
 
+def test_no_checkpoint_is_left_of_any_training(finished: tuple[Path, list[str]]) -> None:
+    assert [each for each in (finished[0] / ".checkpoints").rglob("*") if each.is_file()] == []
+
+
 def test_the_networks_say_what_was_chosen_and_not_that_it_was_left_open(
     finished: tuple[Path, list[str]], members: int
 ) -> None:
@@ -106,7 +110,7 @@ def test_the_networks_say_what_was_chosen_and_not_that_it_was_left_open(
         notes = json.loads((folder / "config.json").read_text())["notes"]
         assert notes["params"]["ensemble"]["members"] == members
         assert notes["params"]["features"]["history"] == 2
-    model = AddressedDynamics.load(models)
+    model = AddressedDynamics.load(models, candidate="ensemble")
     assert model.ensemble.members == members
     assert model.features.history == 2
 
@@ -116,13 +120,15 @@ def test_baselines_are_as_large_as_the_members_that_were_chosen(finished: tuple[
     model, one, other = (
         AddressedDynamics.load(models, candidate=each) for each in ("ensemble", "total_parameters", "paper_recipe")
     )
-    assert one.ensemble.parameters_total == pytest.approx(model.ensemble.parameters_total, rel=0.05)
+    assert model.addressing is not None
+    whole = model.ensemble.parameters_total + model.addressing.parameters_total
+    assert one.ensemble.parameters_total == pytest.approx(whole, rel=0.05)
     assert other.ensemble.members == members
     assert other.features.history == 2
 
 
 def test_a_single_member_is_addressed_by_the_smallest_network(finished: tuple[Path, list[str]], members: int) -> None:
-    addressing = AddressedDynamics.load(finished[0] / "data/models/boat").addressing
+    addressing = AddressedDynamics.load(finished[0] / "data/models/boat", candidate="ensemble").addressing
     assert addressing is not None
     assert (len(addressing.widths) == 2) == (members == 1)
 

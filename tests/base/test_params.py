@@ -80,6 +80,9 @@ def test_a_shift_stands_under_its_name_and_is_as_long_as_a_history(tmp_path: Pat
         ParamsError, match=r"evaluation\.shifts\.fast\.steps is 4, but features.history asks for 5 frames"
     ):
         read(tmp_path, section)
+    section["features"]["history"] = "auto"
+    with pytest.raises(ParamsError, match=r"features\.history asks for up to 6 frames"):
+        read(tmp_path, section)
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from learning import ADDRESSING, car_samples
 from addressed_dynamics.base.errors import TrainingError
 from addressed_dynamics.base.params.training import AddressingTraining
 from addressed_dynamics.features.common.samples import Samples
+from addressed_dynamics.networks.addressing import addressed_members
 from addressed_dynamics.training.addressing import (
     Variant,
     addressing_metrics,
@@ -196,3 +197,9 @@ def test_a_loss_that_is_not_finite_ends_training_with_advice() -> None:
     optimiser = ADDRESSING.optimiser.model_copy(update={"learning_rate": 1e30})
     with pytest.raises(TrainingError, match=r"lower addressing\.optimiser\.learning_rate"):
         list(train(ADDRESSING.model_copy(update={"optimiser": optimiser})))
+
+
+def test_nothing_to_choose_needs_no_hidden_layers() -> None:
+    one = untrained_addressing(7, 1, ADDRESSING, seed=0)
+    assert (one.widths, addressed_members(one)) == ((7, 1), 1)
+    assert len(untrained_addressing(7, 2, ADDRESSING, seed=0).widths) > 2

@@ -73,11 +73,11 @@ def test_members_that_validation_chose_are_those_of_both_recipes_and_of_all_that
     chosen, other = experiment(ensemble=left_open), experiment(ensemble=left_open, recipe="paper")
     plan = planned(chosen, other, members=4)
     assert {name: each.training.members for name, each in plan.items() if not name.endswith("_bins")} == {
-        "wide": 1, "narrow": 1, "total_parameters": 1, "paper_recipe": 4, PAIR: 2
+        "wide": 1, "narrow": 1, "total_parameters": 1, "same_size": 1, "paper_recipe": 4, PAIR: 2
     }  # fmt: skip
     assert plan["unequal_bins"].training.members == 4
-    four = total_parameters(chosen.ensemble.with_members(4), TRAIN.x.shape[1], TRAIN.y.shape[1], len(TRAIN))
-    assert plan["total_parameters"].training == four
+    shapes = TRAIN.x.shape[1], TRAIN.y.shape[1], len(TRAIN)
+    assert plan["total_parameters"].training == total_parameters(chosen.ensemble.with_members(4), ADDRESSING, *shapes)
 
 
 def test_the_other_recipe_keeps_a_number_of_its_own() -> None:
@@ -110,7 +110,7 @@ def test_one_network_gets_as_many_parameters_as_members_and_addressing_have_toge
     picks = untrained_addressing(20, 4, addressing, seed=0).parameters_total
     assert picks > 0.2 * members
     assert one == pytest.approx(members + picks, rel=0.02)
-    planning = plan_baselines(experiment(), PAPER, 5, 2, len(TRAIN))["total_parameters"].training
+    planning = plan_baselines(experiment(), PAPER, 2, 5, 2, len(TRAIN))["total_parameters"].training
     assert planning == total_parameters(ENSEMBLE, ADDRESSING, 5, 2, len(TRAIN)).model_copy()
 
 

@@ -95,8 +95,13 @@ def train_addressing(
 
 
 def untrained_addressing(inputs: int, members: int, params: AddressingTraining, *, seed: int) -> StackedMLP:
-    """Return the network that `train_addressing` starts from: a trunk with one head for each member, if params ask."""
+    """Return the network that `train_addressing` starts from: a trunk with one head for each member, if params ask.
+
+    Where a single member leaves nothing to choose, it has no hidden layers.
+    """
     generator = named_generator(seed, "addressing/weights")
+    if members == 1:
+        return StackedMLP(1, (inputs, members), params.activation, generator)
     if not params.heads:
         return StackedMLP(1, (inputs, *params.hidden, members), params.activation, generator)
     widths = (inputs, *params.hidden, *params.heads, 1)
