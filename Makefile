@@ -26,7 +26,7 @@ help:
 	@echo "make run     install into $(VENV), run the pipeline, write data/reports/*/report.html"
 	@echo "make example make logs of a pendulum in three formats and go from them to a report (two minutes)"
 	@echo "make ride    fetch a real bicycle ride and go from it to a report (two minutes)"
-	@echo "make hopper  install MuJoCo, record its Hopper and go from there to a report (a quarter of an hour)"
+	@echo "make hopper  install MuJoCo, record its Hopper and go from it to a report (ten minutes)"
 	@echo "make test    check format, style, types and imports, then run the tests"
 	@echo "make ui      browse the runs in MLflow (Ctrl-C ends it)"
 	@echo "make bench   measure every speed claim, one after the other"

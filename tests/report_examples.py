@@ -62,7 +62,7 @@ def candidate(
 
 
 def beside(one_step: tuple[float, float], rollout: tuple[float, float], spaces: SpaceSpec = CAR) -> dict[str, Any]:
-    """Errors in multiples of the delivered model's, with these intervals."""
+    """Errors in multiples of the addressed ensemble's, with these intervals."""
     first, second = ({"value": (low * high) ** 0.5, "low": low, "high": high} for low, high in (one_step, rollout))
     return {"one_step": first, "rollouts": second, "dimensions": dict.fromkeys(spaces.observation_names, second)}
 

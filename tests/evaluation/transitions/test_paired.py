@@ -1,4 +1,4 @@
-"""Errors by held-out episode, and in multiples of the delivered model's."""
+"""Errors by held-out episode, and in multiples of the addressed ensemble's."""
 
 import numpy as np
 import pytest
@@ -68,7 +68,7 @@ def test_a_model_with_twice_the_error_in_every_episode_has_twice_the_error_for_s
     assert found["rollouts"] == pytest.approx({"value": 1.0, "low": 1.0, "high": 1.0}, abs=1e-6)
 
 
-def test_the_delivered_model_beside_itself_is_exactly_one_and_what_is_not_rolled_out_has_no_ratio() -> None:
+def test_the_ensemble_beside_itself_is_exactly_one_and_what_is_not_rolled_out_has_no_ratio() -> None:
     found = errors().beside(OWN, CAR.observation_names, (1.0, 1.0))
     one = {"value": 1.0, "low": 1.0, "high": 1.0}
     assert found[OWN] == {"one_step": one, "rollouts": one, "dimensions": {"position": one, "velocity": one}}

@@ -55,16 +55,14 @@ def resampled(one_step: tuple[float, float], rollout: tuple[float, float]) -> st
     """What is said where every other's errors are ten times ours, with these intervals."""
     document = evaluation_json((1e-7, 1e-6), (1e-6, 1e-5))
     for name in OTHERS:
-        document["candidates"][name]["beside_delivered"] = beside(one_step, rollout)
+        document["candidates"][name]["beside_ensemble"] = beside(one_step, rollout)
     return said(Evaluation.model_validate(document))
 
 
 def test_nothing_is_better_where_other_episodes_could_turn_it_round() -> None:
     text = resampled((0.9, 14.0), (0.8, 20.0))
-    assert "It does not beat one network of as many parameters as its members together" in text
-    assert "against 1.0 × 10⁻⁶ (one seed), 0.900 to 14.0 times the delivered model's: no clear difference" in plain(
-        text
-    )
+    assert "It does not beat one network of as many parameters as members and addressing together" in text
+    assert "against 1.0 × 10⁻⁶ (one seed), 0.900 to 14.0 times the ensemble's: no clear difference" in plain(text)
     assert "It does not beat the paper's one wide network" in text
     text = resampled((6.0, 14.0), (0.8, 20.0))
     assert "It is only in part (one step ahead) better than one network of as many parameters" in text
@@ -72,17 +70,17 @@ def test_nothing_is_better_where_other_episodes_could_turn_it_round() -> None:
 
 def test_an_interval_that_leaves_no_doubt_is_said_with_the_numbers() -> None:
     text = resampled((6.0, 14.0), (5.0, 20.0))
-    assert "It beats one network of as many parameters as its members together" in text
-    assert "against 1.0 × 10⁻⁶ (one seed), 6.00 to 14.0 times the delivered model's: lower" in plain(text)
+    assert "It beats one network of as many parameters as members and addressing together" in text
+    assert "against 1.0 × 10⁻⁶ (one seed), 6.00 to 14.0 times the ensemble's: lower" in plain(text)
     assert "(2,000 draws of the held-out episodes, of which 5 are the least) does not have 1 in it." in text
 
 
 def test_of_too_few_episodes_nothing_is_said_to_be_better() -> None:
     document = evaluation_json((1e-7, 1e-6), (1e-6, 1e-5))
     nothing = {"one_step": None, "rollouts": None, "dimensions": {"position": None, "velocity": None}}
-    document["candidates"]["total_parameters/seed-0"]["beside_delivered"] = nothing
+    document["candidates"]["total_parameters/seed-0"]["beside_ensemble"] = nothing
     text = said(Evaluation.model_validate(document))
-    assert "It does not beat one network of as many parameters as its members together" in text
+    assert "It does not beat one network of as many parameters as members and addressing together" in text
     assert "(one seed), of too few episodes to tell: no clear difference; position in rollouts" in text
 
 

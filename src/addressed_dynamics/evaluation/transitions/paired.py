@@ -1,4 +1,4 @@
-"""The errors of all candidates by held-out episode, and each in multiples of the delivered model's."""
+"""The errors of all candidates by held-out episode, and each in multiples of the addressed ensemble's."""
 
 from __future__ import annotations
 
@@ -44,11 +44,11 @@ class PairedErrors:
             "paired_rollouts": np.stack(list(self.rollouts.values())),
         }
 
-    def beside(self, delivered: str, names: tuple[str, ...], scale: tuple[float, ...]) -> dict[str, dict[str, Any]]:
-        """Return each candidate's errors in multiples of the delivered model's, as evaluation.json has them.
+    def beside(self, own: str, names: tuple[str, ...], scale: tuple[float, ...]) -> dict[str, dict[str, Any]]:
+        """Return each candidate's errors in multiples of the addressed ensemble's, as evaluation.json has them.
 
         Args:
-            delivered: name of the delivered model.
+            own: name of the addressed ensemble.
             names: of the dimensions of the state.
             scale: range of each.
 
@@ -59,10 +59,10 @@ class PairedErrors:
         """
         return {
             name: {
-                "one_step": _written(ratio_of_sums(losses, self.one_step[delivered], self.episode)),
-                "rollouts": self._of_rollouts(name, delivered, np.array(scale) ** -2.0 / len(scale)),
+                "one_step": _written(ratio_of_sums(losses, self.one_step[own], self.episode)),
+                "rollouts": self._of_rollouts(name, own, np.array(scale) ** -2.0 / len(scale)),
                 "dimensions": {
-                    dimension: self._of_rollouts(name, delivered, np.eye(len(names))[index])
+                    dimension: self._of_rollouts(name, own, np.eye(len(names))[index])
                     for index, dimension in enumerate(names)
                 },
             }
@@ -70,11 +70,11 @@ class PairedErrors:
         }
 
     def _of_rollouts(
-        self, name: str, delivered: str, weights: Float64[np.ndarray, " observation"]
+        self, name: str, own: str, weights: Float64[np.ndarray, " observation"]
     ) -> dict[str, float] | None:
         if name not in self.rollouts:
             return None
-        errors, others = (self.rollouts[each] @ weights for each in (name, delivered))
+        errors, others = (self.rollouts[each] @ weights for each in (name, own))
         return _written(ratio_of_medians(errors, others, self.rollout_episode))
 
 

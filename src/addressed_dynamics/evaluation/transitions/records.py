@@ -175,15 +175,15 @@ class RolloutPhysics(Record):
 
 
 class RatioResult(Record):
-    """An error in multiples of the delivered model's on the same episodes, with its 95 % interval over episodes."""
+    """An error in multiples of the addressed ensemble's on the same episodes, with its 95 % interval over episodes."""
 
     value: float
     low: float
     high: float
 
 
-class BesideDelivered(Record):
-    """The errors of a candidate in multiples of the delivered model's.
+class BesideEnsemble(Record):
+    """The errors of a candidate in multiples of the addressed ensemble's.
 
     None where there are too few episodes, where nothing is to divide by, or of rollouts where there are none.
     """
@@ -205,7 +205,7 @@ class CandidateResult(Record):
     """Of one prediction, addressing included; None if unknown, as in results of earlier versions."""
     one_step: OneStepResult
     rollouts: RolloutResult | None = None
-    beside_delivered: BesideDelivered | None = None
+    beside_ensemble: BesideEnsemble | None = None
     """None of the oracle, and in results of earlier versions."""
 
 

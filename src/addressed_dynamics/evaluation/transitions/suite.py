@@ -178,7 +178,7 @@ def evaluate_candidates(
     paired = paired_errors(losses, points, predicted, truth)
     state = points.features.spaces.observation_names
     for name, ratios in paired.beside(DELIVERED, state, points.features.scale).items():
-        results[name]["beside_delivered"] = ratios
+        results[name]["beside_ensemble"] = ratios
     names = [dimension.name for dimension in points.features.spaces.exogenous]
     source = {
         "kind": rollouts.kind,

@@ -23,9 +23,9 @@ _WORDS = {"better": "lower", "worse": "higher", "unclear": "no clear difference"
 def compare(own: Sequence[CandidateResult], other: Sequence[CandidateResult]) -> tuple[Comparison, ...]:
     """Compare two models, each from some seeds: mean one-step error, and the median error of rollouts by dimension.
 
-    The first of ours is the delivered one, which the intervals of the other are held against.
+    The first of ours is of the first seed, which the intervals of the other are held against.
     """
-    beside = [each.beside_delivered for each in other if each.beside_delivered is not None]
+    beside = [each.beside_ensemble for each in other if each.beside_ensemble is not None]
     errors = {"one step ahead": [[each.one_step.scaled.mean for each in group] for group in (own, other)]}
     ratios = {"one step ahead": [each.one_step for each in beside]}
     first = own[0].rollouts
@@ -81,12 +81,12 @@ def spread_over_seeds(comparison: Comparison) -> str:
 
 
 def _interval(comparison: Comparison) -> str:
-    """Return how many times the delivered model's the other's error is, if that was asked for."""
+    """Return how many times the ensemble's the other's error is, if that was asked for."""
     match comparison.interval:
         case None:
             return ""
         case Interval(low, high) if high < inf:
-            return f", {significant(low)} to {significant(high)} times the delivered model's"
+            return f", {significant(low)} to {significant(high)} times the ensemble's"
         case _:
             return ", of too few episodes to tell"
 

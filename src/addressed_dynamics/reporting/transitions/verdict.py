@@ -157,10 +157,10 @@ def _of_delivered(evaluation: Evaluation) -> list[str]:
 
 def _resampled(evaluation: Evaluation) -> str:
     """Say what else a comparison asks for, where it is known."""
-    if not any(each.beside_delivered for each in evaluation.candidates.values()):
+    if not any(each.beside_ensemble for each in evaluation.candidates.values()):
         return ""
     return (
-        f", and if the {percent(COVERAGE, 0)} interval of the other's error in multiples of the delivered model's "
+        f", and if the {percent(COVERAGE, 0)} interval of the other's error in multiples of the ensemble's "
         f"({DRAWS:,} draws of the held-out episodes, of which {FEWEST_EPISODES} are the least) does not have 1 in it"
     )
 
