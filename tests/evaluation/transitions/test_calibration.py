@@ -1,12 +1,14 @@
 import numpy as np
 import pytest
 import torch
-from trusted_models import NOISE, drifting, trusted_model
+from trusted_models import NOISE, drifting, linear_model, trusted_model
 
 from addressed_dynamics.base.errors import EvaluationError, ModelError
 from addressed_dynamics.evaluation.transitions.calibration import calibrate, cover, stretches
 from addressed_dynamics.evaluation.transitions.points import Points
+from addressed_dynamics.features.transitions.spec import fit_features
 from addressed_dynamics.simulators.addressed import AddressedDynamics
+from addressed_dynamics.sources.transitions.params import FeatureParams
 
 
 def test_intervals_of_gaussian_noise_are_its_quantiles():
@@ -169,3 +171,17 @@ def _times(network, factor):
     larger = copy.deepcopy(network)
     larger.weights[0].mul_(factor)
     return larger
+
+
+def test_an_input_that_never_changes_is_no_noise_and_its_first_change_is_not_trusted():
+    train, validation = drifting(30, 0), drifting(20, 1)
+    for each in (train, validation):
+        each.action[:] = 0.3
+    features = fit_features(train, FeatureParams())
+    half = train.episode < 15
+    model, partner = linear_model(features, train.select(half)), linear_model(features, train.select(~half))
+    trust = calibrate(model, partner, Points.of(train, features), Points.of(validation, features), steps=5)
+    trusted = AddressedDynamics(features, model.ensemble, trust=trust)
+    state = train.observation[:20]
+    assert trusted.trust(state, np.full((20, 1), 0.3)).mean() > 0.2
+    assert trusted.trust(state, np.full((20, 1), 1.0)).max() < 0.01

@@ -45,6 +45,8 @@ MOST_STEPS = 120_000
 MOST_ROLLOUTS = 2_000
 LONG = 100
 """Steps after a start that count as many."""
+SMALLEST_DEVIATION = 1e-5
+"""An input that deviates less is constant: its unit stays as it is, so that rounding is no deviation."""
 FOLDS = 10
 """Parts of the validation episodes of which each in turn is judged by the others."""
 ERRORS = EnsembleParams(
@@ -123,7 +125,8 @@ def make_gauge(model: AddressedDynamics, partner: AddressedDynamics, train: Poin
     error, error_validation, apart = error.abs() / scale, error_validation.abs() / scale, apart.abs() / scale
     floor = torch.from_numpy(np.quantile(error.numpy(), 0.01, axis=0)).float() + 1e-9
     logs, logs_validation = (error + floor).log(), (error_validation + floor).log()
-    mean, deviation = x.mean(dim=0), x.std(dim=0, correction=0) + 1e-6
+    mean, deviation = x.double().mean(dim=0).float(), x.std(dim=0, correction=0)
+    deviation = torch.where(deviation > SMALLEST_DEVIATION, deviation, 1.0)
     standard, standard_validation = (x - mean) / deviation, (x_validation - mean) / deviation
     error_mean = logs.mean(dim=0)
     network = _network_of_errors(standard, logs - error_mean, standard_validation, logs_validation - error_mean)
