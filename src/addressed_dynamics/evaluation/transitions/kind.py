@@ -44,7 +44,7 @@ from addressed_dynamics.evaluation.transitions.suite import (
     pair_arrays,
 )
 from addressed_dynamics.evaluation.transitions.summary import summarise
-from addressed_dynamics.evaluation.transitions.trusting import calibrated, judge_trust, median_course, pair_of
+from addressed_dynamics.evaluation.transitions.trusting import ASKED, calibrated, judge_trust, median_course, pair_of
 from addressed_dynamics.evaluation.transitions.truth import true_rollouts
 from addressed_dynamics.features.transitions.spec import FeatureSpec
 from addressed_dynamics.networks.files import load_network
@@ -190,4 +190,16 @@ def _headline(report: dict[str, Any]) -> dict[str, float]:
     metrics |= {"loss/test": result["one_step"]["scaled"]["mean"], "regret/mean": table["regret"]["mean"]}
     rollouts = result["rollouts"]["groups"]["all"]["mse"]
     metrics |= {f"rollout_mse/{name}": spread["median"] for name, spread in rollouts.items()}
-    return metrics
+    return metrics | _trust_headline(report["trust"] or {})
+
+
+def _trust_headline(trust: Mapping[str, Any]) -> dict[str, float]:
+    """Return how much the widest intervals cover one step ahead, and how well bad predictions are told, by shift."""
+    covered = [each["of_all"] for each in trust.get("coverage", []) if (each["steps"], each["asked"]) == (1, ASKED[-1])]
+    areas = {
+        f"trust/{name}/{score}": shift["auroc"][score]
+        for name, shift in trust.get("shifts", {}).items()
+        for score in ("trust", "surprise")
+        if shift["auroc"].get(score) is not None
+    }
+    return {f"trust/coverage_{ASKED[-1]:g}": share for share in covered} | areas
