@@ -7,6 +7,7 @@ from addressed_dynamics.base.params.experiments import load_experiment
 from addressed_dynamics.evaluation.common.evaluated import write_evaluated
 from addressed_dynamics.simulators.calibrated import write_trust
 from addressed_dynamics.simulators.delivery import write_delivered
+from addressed_dynamics.simulators.starts import write_starts
 from pipeline.stage import (
     Call,
     available_cores,
@@ -32,6 +33,7 @@ def main(call: Call) -> str:
             run.log(found.headline, step=0)
             run.log_output(folder)
     write_trust(models_dir(experiment), found.calibrated, found.uncalibrated)
+    write_starts(models_dir(experiment), found.starts)
     write_delivered(models_dir(experiment), found.delivered)
     write_json(reports_dir(experiment) / "summary.json", found.summary)
     return f"{first_of(found.summary)}; all in {reports_dir(experiment) / 'summary.json'}"

@@ -13,6 +13,7 @@ from addressed_dynamics.envs import (
     Acrobot,
     acrobot_energy,
     acrobot_observation,
+    acrobot_reward,
     acrobot_state,
     acrobot_step,
 )
@@ -175,3 +176,12 @@ def test_its_numbers_are_described() -> None:
 def test_settings_that_make_no_acrobot_are_one_clear_error(wrong: dict[str, object]) -> None:
     with pytest.raises(SpaceError, match=next(iter(wrong))):
         Acrobot(**wrong)
+
+
+@given(st.integers(0, 2**16))
+def test_the_reward_and_the_end_are_gymnasiums_acrobots(seed: int) -> None:
+    env = Acrobot(time_step=0.2, **WIDE)
+    before, _ = env.reset(seed=seed)
+    after, reward, terminated, _, _ = env.step(seed % 3)
+    found = acrobot_reward(before[None], np.array([seed % 3]), after[None])
+    assert (float(found[0][0]), bool(found[1][0])) == (reward, terminated)

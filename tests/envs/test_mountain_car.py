@@ -8,7 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from addressed_dynamics.base.errors import SpaceError
-from addressed_dynamics.envs import CONTINUING_MOUNTAIN_CAR, MountainCarContinuing, mountain_car_step
+from addressed_dynamics.envs import (
+    CONTINUING_MOUNTAIN_CAR,
+    MountainCarContinuing,
+    mountain_car_reward,
+    mountain_car_step,
+)
 
 positions = st.floats(-1.2, 0.6)
 velocities = st.floats(-0.07, 0.07)
@@ -114,3 +119,12 @@ def test_the_environment_says_what_its_numbers_mean() -> None:
     assert [name for name, _ in meaning["observation"]] == ["position", "velocity"]
     assert len(meaning["action"]) == env.action_space.n
     assert meaning["step_seconds"] == pytest.approx(1 / 30)
+
+
+@given(st.floats(0.3, 0.6), velocities, actions)
+def test_the_reward_and_the_end_are_gymnasiums(position: float, velocity: float, action: int) -> None:
+    env = MountainCarEnv()
+    env.state = (position, velocity)
+    _, reward, terminated, _, _ = env.step(action)
+    found = mountain_car_reward(np.array([[position, velocity]]), np.array([action]), np.array([env.state]))
+    assert (float(found[0][0]), bool(found[1][0])) == (reward, terminated)

@@ -1,4 +1,4 @@
-"""The paper's variants of Gymnasium's environments; importing this package registers them.
+"""The paper's variants of Gymnasium's environments; importing this package registers them, and the learned one.
 
 Each environment says what its numbers mean in `metadata["addressed_dynamics"]`: a dictionary with
 
@@ -13,20 +13,24 @@ from addressed_dynamics.envs.acrobot import (
     Acrobot,
     acrobot_energy,
     acrobot_observation,
+    acrobot_reward,
     acrobot_state,
     acrobot_step,
 )
-from addressed_dynamics.envs.mountain_car import MountainCarContinuing, mountain_car_step
+from addressed_dynamics.envs.mountain_car import MountainCarContinuing, mountain_car_reward, mountain_car_step
 
 __all__ = [
     "ACROBOT",
     "CONTINUING_MOUNTAIN_CAR",
+    "LEARNED",
     "Acrobot",
     "MountainCarContinuing",
     "acrobot_energy",
     "acrobot_observation",
+    "acrobot_reward",
     "acrobot_state",
     "acrobot_step",
+    "mountain_car_reward",
     "mountain_car_step",
 ]
 
@@ -36,9 +40,18 @@ ACROBOT = "addressed_dynamics/Acrobot-v0"
 CONTINUING_MOUNTAIN_CAR = "addressed_dynamics/MountainCarContinuing-v0"
 """Gymnasium identifier of the MountainCar that does not end at the goal."""
 
+LEARNED = "addressed_dynamics/Learned-v0"
+"""Gymnasium identifier of a model as an environment: `gymnasium.make(LEARNED, model="data/models/mountaincar")`."""
+
 gymnasium.register(
     id=CONTINUING_MOUNTAIN_CAR,
     entry_point="addressed_dynamics.envs.mountain_car:MountainCarContinuing",
     max_episode_steps=1000,
 )
 gymnasium.register(id=ACROBOT, entry_point="addressed_dynamics.envs.acrobot:Acrobot", max_episode_steps=1000)
+gymnasium.register(
+    id=LEARNED,
+    entry_point="addressed_dynamics.simulators.environment:LearnedEnvironment",
+    vector_entry_point="addressed_dynamics.simulators.environment:LearnedEnvironments",
+    max_episode_steps=1000,
+)

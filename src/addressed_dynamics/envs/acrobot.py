@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from gymnasium.envs.classic_control.acrobot import AcrobotEnv
-from jaxtyping import Float, Float32, Float64, Int64
+from jaxtyping import Bool, Float, Float32, Float64, Int64
 
 from addressed_dynamics.base.errors import SpaceError
 
@@ -138,6 +138,20 @@ def acrobot_step(
     fastest = np.array([AcrobotEnv.MAX_VEL_1, AcrobotEnv.MAX_VEL_2])
     np.clip(velocity, -fastest, fastest, out=velocity)
     return after
+
+
+def acrobot_reward(
+    state: Float[np.ndarray, "batch 6"],  # noqa: ARG001 - the form of all functions of reward and end
+    action: Int64[np.ndarray, " batch"],  # noqa: ARG001 - as above
+    next_state: Float[np.ndarray, "batch 6"],
+) -> tuple[Float64[np.ndarray, " batch"], Bool[np.ndarray, " batch"]]:
+    """Return reward and end of steps of Gymnasium's `Acrobot-v1`: -1 for each, but 0 where the tip is above the goal.
+
+    The states are observations.
+    """
+    angle_1, angle_2, *_ = np.moveaxis(acrobot_state(next_state), -1, 0)
+    above = -np.cos(angle_1) - np.cos(angle_1 + angle_2) > 1.0
+    return np.where(above, 0.0, -1.0), above
 
 
 def acrobot_energy(

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from gymnasium.envs.classic_control.mountain_car import MountainCarEnv
-from jaxtyping import Float32, Float64, Int
+from jaxtyping import Bool, Float, Float32, Float64, Int
 
 from addressed_dynamics.base.errors import SpaceError
 
@@ -17,6 +17,8 @@ LOWEST_POSITION, HIGHEST_POSITION = -1.2, 0.6
 HIGHEST_SPEED = 0.07
 FORCE = 0.001
 GRAVITY = 0.0025
+GOAL = 0.5
+"""Position from which a car that does not roll back has reached the goal, in m."""
 
 
 def mountain_car_step(
@@ -47,6 +49,15 @@ def mountain_car_step(
     position = np.clip(position + velocity, LOWEST_POSITION, HIGHEST_POSITION)
     velocity = np.where((position == LOWEST_POSITION) & (velocity < 0), 0.0, velocity)
     return np.stack([position, velocity], axis=1)
+
+
+def mountain_car_reward(
+    state: Float[np.ndarray, "batch 2"],  # noqa: ARG001 - the form of all functions of reward and end
+    action: Int[np.ndarray, " batch"],  # noqa: ARG001 - as above
+    next_state: Float[np.ndarray, "batch 2"],
+) -> tuple[Float64[np.ndarray, " batch"], Bool[np.ndarray, " batch"]]:
+    """Return reward and end of steps of Gymnasium's `MountainCar-v0`: -1 for each, until the goal is reached."""
+    return np.full(len(next_state), -1.0), (next_state[:, 0] >= GOAL) & (next_state[:, 1] >= 0.0)
 
 
 class MountainCarContinuing(MountainCarEnv):

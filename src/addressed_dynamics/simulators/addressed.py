@@ -20,7 +20,7 @@ from addressed_dynamics.simulators.arrays import Plain, Values, answer, as_tenso
 from addressed_dynamics.simulators.delivery import Origin, Parts, find_parts
 from addressed_dynamics.simulators.modes import MODES, Mode, check_choice, no_mode
 from addressed_dynamics.simulators.trust import SIGNALS, Expectation, Followed, Scales, Trust, TrustedRollout
-from addressed_dynamics.simulators.trusted import TrustFile, find_trust
+from addressed_dynamics.simulators.trusted import TrustFile, find_trust, is_calibrated
 
 
 class AddressedDynamics:
@@ -447,6 +447,16 @@ class AddressedDynamics:
             raise ModelError(message)
         return self._trust
 
+    def trusted_if_calibrated(self) -> Trust | None:
+        """Return what was calibrated of the model in its own mode; None if nothing was.
+
+        Raises:
+            ModelError: a file is missing or damaged.
+        """
+        if isinstance(self._trust, TrustFile) and not is_calibrated(self._trust):
+            return None
+        return None if self._trust is None else self.trusted(self.mode)
+
     def _expected(
         self, trust: Trust, observation: Tensor, action: Tensor, exogenous: Tensor | None
     ) -> tuple[Tensor, Scales]:
@@ -644,10 +654,29 @@ class AddressedDynamics:
         Raises:
             ModelError: a shape is wrong.
         """
+        return self.step_and_probabilities(observation, action, exogenous, mode=mode, generator=generator, x=x)[0]
+
+    @torch.no_grad()
+    def step_and_probabilities(
+        self,
+        observation: Tensor,
+        action: Tensor,
+        exogenous: Tensor | None,
+        *,
+        mode: Mode | None = None,
+        generator: torch.Generator | None = None,
+        x: Float[Tensor, "sample input"] | None = None,
+    ) -> tuple[Float[Tensor, "sample observation"], Float[Tensor, "sample member"]]:
+        """Return the same as `step` and as `probabilities`, at the cost of the former.
+
+        Raises:
+            ModelError: a shape is wrong.
+        """
         inputs = self.features.encode(observation, action, exogenous) if x is None else x
         chosen = self.mode if mode is None else mode
-        output = self.combined(inputs, self.probabilities_of(inputs), chosen, generator=generator)
-        return self._decoded(output, observation)
+        probabilities = self.probabilities_of(inputs)
+        output = self.combined(inputs, probabilities, chosen, generator=generator)
+        return self._decoded(output, observation), probabilities
 
     @torch.no_grad()
     def combined(

@@ -45,22 +45,37 @@ def find_trust(place: TrustFile, features: FeatureSpec) -> Trust:
             f"'dvc repro evaluate@{place.models.name}'"
         )
         raise ModelError(message)
+    name, why = _found(place)
+    if name is None:
+        asked = f"{place.origin}, mode {place.mode}" if place.origin else "this model"
+        message = f"{folder}: no trust was calibrated for {asked}: {why}"
+        raise ModelError(message)
+    trust = load_trust(folder / name, AddressedDynamics.load(place.models, **partner_of(folder / name)))
+    if trust.gauge.features != features:
+        message = f"{folder / name}: it was calibrated for another model; 'dvc repro' evaluates this one"
+        raise ModelError(message)
+    return trust
+
+
+def is_calibrated(place: TrustFile) -> bool:
+    """Return whether there is a trust in a model.
+
+    Raises:
+        ModelError: the index of those that there are is damaged.
+    """
+    return (place.models / FOLDER).is_dir() and _found(place)[0] is not None
+
+
+def _found(place: TrustFile) -> tuple[str | None, str]:
+    """Return the folder of the trust in a model, or None and why there is none."""
+    folder = place.models / FOLDER
     index = read_index(folder, INDEX)
     try:
         entries, missing = [dict(each) for each in index["models"]], index["missing"]
         wanted = None if place.origin is None else {**asdict(place.origin), "mode": place.mode}
-        found = [each["folder"] for each in entries if wanted and wanted.items() <= each.items()]
+        found = [str(each["folder"]) for each in entries if wanted and wanted.items() <= each.items()]
         shown = [f"{Origin(each['candidate'], each['seed'], each['variant'])}, mode {each['mode']}" for each in entries]
     except (KeyError, TypeError, ValueError) as error:
         message = f"{folder / INDEX}: incomplete or malformed ({error}); 'dvc repro' writes it anew"
         raise ModelError(message) from error
-    if not found:
-        asked = f"{place.origin}, mode {place.mode}" if place.origin else "this model"
-        why = missing or f"there is one for {' and for '.join(shown) or 'no model'}"
-        message = f"{folder}: no trust was calibrated for {asked}: {why}"
-        raise ModelError(message)
-    trust = load_trust(folder / found[0], AddressedDynamics.load(place.models, **partner_of(folder / found[0])))
-    if trust.gauge.features != features:
-        message = f"{folder / found[0]}: it was calibrated for another model; 'dvc repro' evaluates this one"
-        raise ModelError(message)
-    return trust
+    return (found[0], "") if found else (None, missing or f"there is one for {' and for '.join(shown) or 'no model'}")

@@ -11,6 +11,7 @@ from addressed_dynamics.base.files import save_arrays, write_json, write_rows
 from addressed_dynamics.evaluation.common.measures import MEASURES, Row, rows_of, write_rows_of_measures
 from addressed_dynamics.simulators.calibrated import Calibrated
 from addressed_dynamics.simulators.delivery import Delivered
+from addressed_dynamics.simulators.starts import Starts
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,8 @@ class Evaluated:
     """How far models are to be trusted."""
     uncalibrated: str | None = None
     """Why that is known of none; None if it is of some."""
+    starts: Starts | None = None
+    """Where a learned environment starts; None if models of this kind of data make none."""
 
 
 def write_evaluated(found: Evaluated, folder: Path) -> None:

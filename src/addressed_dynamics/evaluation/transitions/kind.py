@@ -33,6 +33,7 @@ from addressed_dynamics.evaluation.transitions.recommending import deliver, reco
 from addressed_dynamics.evaluation.transitions.records import Evaluation
 from addressed_dynamics.evaluation.transitions.rollouts import finite, roll_out, seen_range
 from addressed_dynamics.evaluation.transitions.shifts import record_shifts
+from addressed_dynamics.evaluation.transitions.starting import starts_of
 from addressed_dynamics.evaluation.transitions.suite import (
     baseline_losses,
     evaluate_addressing,
@@ -126,7 +127,7 @@ def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int
     Evaluation.model_validate(report)
     return Evaluated(
         report, arrays, {"horizon": horizon}, _headline(report), summary, chosen, further, trusted.calibrated,
-        trusted.missing,
+        trusted.missing, starts_of(points["train"].transitions, features.history),
     )  # fmt: skip
 
 

@@ -1,0 +1,325 @@
+"""What a learned environment is made of: a model, where it starts, and who says what the model does not."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, TypedDict
+
+import numpy as np
+from gymnasium.spaces import Box, Discrete
+from jaxtyping import Float32, Int64
+
+from addressed_dynamics.base.errors import ModelError
+from addressed_dynamics.episodes.transitions import Dimension, DiscreteAction
+from addressed_dynamics.simulators.addressed import AddressedDynamics
+from addressed_dynamics.simulators.arrays import Values, as_tensor, finite
+from addressed_dynamics.simulators.modes import Mode
+from addressed_dynamics.simulators.starts import Starts, read_starts
+from addressed_dynamics.simulators.tasks import Told, told
+from addressed_dynamics.simulators.trust import Trust
+
+Begin = Literal["beginnings", "anywhere"]
+BEGINS: tuple[Begin, ...] = ("beginnings", "anywhere")
+OPTIONS = ("state", "actions", "exogenous")
+"""Keys of the options of `reset` that give a start."""
+
+
+class WorldOptions(TypedDict, total=False):
+    """What one may say of a learned environment beside its model."""
+
+    candidate: str | None
+    """Which of the experiment's models, as in `AddressedDynamics.load`; None for the one that is delivered."""
+    mode: Mode | None
+    """How it uses its members, as there."""
+    starts: Starts | str | Path | None
+    """States to start from, or the folder of models that they are kept in; None for those kept with the model."""
+    begin: Begin
+    """Whether to start where recorded episodes begin (the default), or anywhere in them."""
+    reward: Callable[..., Any] | str | None
+    """Who says reward and end: a function, or its name as `module:function`, from states (B, d), actions and next
+    states of B copies to (rewards (B,), terminated (B,)); None for nobody: rewards of 0, and no end."""
+    exogenous: Callable[..., Any] | str | None
+    """A function from numbers of steps (B,), the first of which is 0, to exogenous inputs (B, d_exo), or its name; None
+    to replay those of the recorded episode, with which an episode ends."""
+    trust: bool | None
+    """Whether to say the trust in every step; None: if it was calibrated."""
+    least_trust: float | None
+    """Trust below which an episode is truncated; None for no such end."""
+    exact: bool
+    """Whether the networks compute in double precision, rounded once a step, so that a copy's states do not depend on
+    how many others there are. In single precision, the default and twice as fast, they do in the last digit."""
+
+
+@dataclass(frozen=True)
+class Given:
+    """Starts that a user gave, one for each copy."""
+
+    observation: Float32[np.ndarray, "copy frame observation"]
+    action: np.ndarray
+    """Actions in all frames but the last, (copy, frame - 1, ...)."""
+    exogenous: Float32[np.ndarray, "copy row exogenous"] | None
+    """Exogenous inputs from the first frame on; None if a function says them, or if there are none."""
+
+
+@dataclass(frozen=True)
+class World:
+    """A learned environment without a state."""
+
+    model: AddressedDynamics
+    precise: AddressedDynamics | None
+    """The model in double precision, if that is what steps."""
+    starts: Starts | None
+    no_starts: str
+    """Why there are none."""
+    candidates: Int64[np.ndarray, " candidate"]
+    """Which of the starts are drawn from."""
+    task: Told | None
+    """Who says reward and end."""
+    exogenous: Told | None
+    """Who says the exogenous inputs; None if they are replayed, or if there are none."""
+    trust: Trust | None
+    least_trust: float | None
+    observation_space: Box
+    action_space: Box | Discrete
+
+    @staticmethod
+    def of(
+        model: AddressedDynamics | str | Path,
+        *,
+        candidate: str | None = None,
+        mode: Mode | None = None,
+        starts: Starts | str | Path | None = None,
+        begin: Begin = "beginnings",
+        reward: Callable[..., Any] | str | None = None,
+        exogenous: Callable[..., Any] | str | None = None,
+        trust: bool | None = None,
+        least_trust: float | None = None,
+        exact: bool = False,
+    ) -> World:
+        """Make one of a model, or of its folder; what the others mean says `WorldOptions`.
+
+        Raises:
+            ModelError: there is no such model, function or choice, or the starts are of another model.
+        """
+        home = None
+        if isinstance(model, AddressedDynamics):
+            used = model
+            if (candidate, mode) != (None, None):
+                message = (
+                    "candidate and mode choose among the models in a folder, but a model was given; leave them out"
+                )
+                raise ModelError(message)
+        else:
+            home = Path(model)
+            used = AddressedDynamics.load(home, candidate=candidate, mode=mode)
+        if begin not in BEGINS:
+            message = f"begin should be one of {', '.join(BEGINS)}, but is {begin!r}"
+            raise ModelError(message)
+        if exogenous is not None and not used.features.spaces.exogenous:
+            message = "the model has no exogenous inputs, but a function of them was given; leave exogenous= out"
+            raise ModelError(message)
+        found, missing = _starts(used, home if starts is None else starts)
+        here = None if found is None else found.beginning | (begin == "anywhere")
+        return World(
+            model=used,
+            precise=_precise(used) if exact else None,
+            starts=found,
+            no_starts=missing,
+            candidates=np.empty(0, np.int64) if here is None else np.flatnonzero(here),
+            task=None if reward is None else told(reward, "reward"),
+            exogenous=None if exogenous is None else told(exogenous, "exogenous"),
+            trust=_trust(used, wanted=trust, least=least_trust),
+            least_trust=least_trust,
+            observation_space=_box(used.features.spaces.observation),
+            action_space=_action_space(used, found),
+        )
+
+    @property
+    def history(self) -> int:
+        """Number of frames that the model is given."""
+        return self.model.features.history
+
+    def described(self) -> dict[str, Any]:
+        """Return metadata of an environment: names, units and the length of a step, as `addressed_dynamics.envs`."""
+        spaces = self.model.features.spaces
+        action = spaces.action
+        return {
+            "render_modes": [],
+            "render_fps": 1.0 / spaces.step_seconds,
+            "addressed_dynamics": {
+                "observation": tuple((each.name, each.unit) for each in spaces.observation),
+                "action": (
+                    action.names
+                    if isinstance(action, DiscreteAction)
+                    else tuple((each.name, each.unit) for each in action.dimensions)
+                ),
+                "step_seconds": spaces.step_seconds,
+            },
+        }
+
+    def checked_actions(self, actions: Any, number: int) -> np.ndarray:
+        """Return actions of so many copies.
+
+        Raises:
+            ModelError: they are of another number or type, or outside the space.
+        """
+        given = as_tensor(actions).numpy()
+        space = self.action_space
+        if isinstance(space, Discrete):
+            kind = self.model.features.spaces.action
+            assert isinstance(kind, DiscreteAction)
+            if given.shape != (number,) or given.dtype.kind not in "iu":
+                message = f"actions should be {number} integers, but are {given.dtype} of shape {given.shape}"
+                raise ModelError(message)
+            outside = (given < 0) | (given >= kind.count)
+            if outside.any():
+                names = ", ".join(kind.names)
+                message = f"actions should lie in 0..{kind.count - 1} ({names}), but one is {given[outside][0]}"
+                raise ModelError(message)
+            return given.astype(np.int64)
+        shape = (number, *space.shape)
+        if given.shape != shape:
+            message = f"actions should have shape {shape}, but have {given.shape}"
+            raise ModelError(message)
+        numbers = finite(as_tensor(given), "actions").numpy()
+        kind = self.model.features.spaces.action
+        assert not isinstance(kind, DiscreteAction)
+        _check_bounds(numbers, space, kind.dimensions, "actions")
+        return numbers
+
+    def given_starts(self, options: Mapping[str, Any], number: int) -> Given | None:
+        """Return the starts that options of `reset` give; None if they give none.
+
+        Args:
+            options: `state`, (d,) or, with a history of H frames, (H, d), oldest first; with a history `actions`, those
+                in all frames but the last; `exogenous`, from the first frame on, if they are replayed. Of every copy,
+                with an axis more in front, or the same for all.
+            number: number of copies.
+
+        Raises:
+            ModelError: an option is unknown, missing, of another shape, or outside the space.
+        """
+        if unknown := [str(key) for key in options if key not in OPTIONS]:
+            message = f"reset knows no option '{unknown[0]}' (options: {', '.join(OPTIONS)})"
+            raise ModelError(message)
+        if "state" not in options:
+            if options:
+                message = f"option '{next(iter(options))}' belongs to a given start; give its 'state', too"
+                raise ModelError(message)
+            return None
+        spaces, past = self.model.features.spaces, self.history - 1
+        width, acted = len(spaces.observation), self.action_space.shape or ()
+        frames = (width,) if past == 0 else (self.history, width)
+        state = finite(as_tensor(options["state"]), "option 'state'").numpy()
+        state = _for_all(state, "state", frames, number)
+        _check_bounds(state, self.observation_space, spaces.observation, "option 'state'")
+        action = np.empty((number, 0, *acted), self.action_space.dtype)
+        if past or "actions" in options:
+            shape = (past, *acted)
+            if "actions" not in options:
+                message = f"a start of {self.history} frames needs option 'actions', of shape {shape}"
+                raise ModelError(message)
+            action = _for_all(as_tensor(options["actions"]).numpy(), "actions", shape, number)
+            flat = action.reshape(number * past, *acted)
+            action = self.checked_actions(flat, number * past).reshape(number, *shape) if past else action
+        return Given(state.reshape(number, past + 1, width), action, self._given_exogenous(options, number))
+
+    def _given_exogenous(
+        self, options: Mapping[str, Any], number: int
+    ) -> Float32[np.ndarray, "copy row exogenous"] | None:
+        wanted = bool(self.model.features.spaces.exogenous) and self.exogenous is None
+        width = len(self.model.features.spaces.exogenous)
+        if not wanted:
+            if "exogenous" in options:
+                message = "option 'exogenous' is not asked for: nothing is replayed; leave it out"
+                raise ModelError(message)
+            return None
+        rows = f"(rows, {width}), with at least {self.history} rows, the first beside the first frame"
+        if "exogenous" not in options:
+            message = f"a given start needs option 'exogenous', of shape {rows}; or give a function: exogenous="
+            raise ModelError(message)
+        values = finite(as_tensor(options["exogenous"]), "option 'exogenous'").numpy()
+        if values.ndim not in (2, 3) or values.shape[-1] != width or values.shape[-2] < self.history:
+            message = f"option 'exogenous' should have shape {rows}, but has {values.shape}"
+            raise ModelError(message)
+        return _for_all(values, "exogenous", values.shape[-2:], number)
+
+
+def _starts(model: AddressedDynamics, place: Starts | str | Path | None) -> tuple[Starts | None, str]:
+    """Return the starts, or why there are none."""
+    if place is None:
+        return None, "nobody says where to start; give starts=, or a state: reset(options={'state': ...})"
+    try:
+        found = place if isinstance(place, Starts) else read_starts(Path(place))
+    except ModelError as error:
+        return None, str(error)
+    if found.spaces != model.features.spaces or found.frames < model.features.history:
+        theirs, own = (", ".join(each.observation_names) for each in (found.spaces, model.features.spaces))
+        message = (
+            f"the starts are of another model: of {found.frames} frames with {theirs}, where this one has "
+            f"{model.features.history} with {own}"
+        )
+        raise ModelError(message)
+    return found, ""
+
+
+def _trust(model: AddressedDynamics, *, wanted: bool | None, least: float | None) -> Trust | None:
+    if least is not None and not 0.0 <= least <= 1.0:
+        message = f"least_trust should lie in 0..1, but is {least:g}"
+        raise ModelError(message)
+    if least is not None and wanted is False:
+        message = "least_trust asks for trust, which trust=False leaves out"
+        raise ModelError(message)
+    if wanted or least is not None:
+        return model.trusted(model.mode)
+    return None if wanted is False else model.trusted_if_calibrated()
+
+
+def _precise(model: AddressedDynamics) -> AddressedDynamics:
+    """Return the same model with networks in double precision."""
+    addressing = None if model.addressing is None else copy.deepcopy(model.addressing).double()
+    return AddressedDynamics(model.features, copy.deepcopy(model.ensemble).double(), addressing, mode=model.mode)
+
+
+def _box(dimensions: tuple[Dimension, ...]) -> Box:
+    low, high = np.array([(each.low, each.high) for each in dimensions], np.float32).reshape(-1, 2).T
+    return Box(low, high, dtype=np.float32)
+
+
+def _action_space(model: AddressedDynamics, starts: Starts | None) -> Box | Discrete:
+    """Return the space of actions; where components have no bounds, what was recorded bounds them."""
+    kind = model.features.spaces.action
+    if isinstance(kind, DiscreteAction):
+        return Discrete(kind.count)
+    space = _box(kind.dimensions)
+    if starts is None:
+        return space
+    lowest, highest = starts.action_range
+    low = np.where(np.isfinite(space.low), space.low, lowest)
+    return Box(low, np.where(np.isfinite(space.high), space.high, highest), dtype=np.float32)
+
+
+def _check_bounds(
+    values: Float32[np.ndarray, "*batch dimension"], space: Box, dimensions: tuple[Dimension, ...], what: str
+) -> None:
+    outside = (values < space.low) | (values > space.high)
+    if outside.any():
+        place = tuple(np.argwhere(outside)[0].tolist())
+        bad = dimensions[place[-1]]
+        low, high = space.low[place[-1]], space.high[place[-1]]
+        unit = f" {bad.unit}" if bad.unit else ""
+        message = f"{what}: '{bad.name}' should lie in {low:g}..{high:g}{unit}, but one is {values[place]:g}"
+        raise ModelError(message)
+
+
+def _for_all(values: Values, name: str, shape: tuple[int, ...], number: int) -> np.ndarray:
+    """Return what an option gives to every copy, or to all the same."""
+    array = np.asarray(values)
+    if array.shape not in (shape, (number, *shape)):
+        copies = f", or {(number, *shape)} for each copy" if number > 1 else ""
+        message = f"option '{name}' should have shape {shape}{copies}, but has {array.shape}"
+        raise ModelError(message)
+    return np.array(np.broadcast_to(array, (number, *shape)))
