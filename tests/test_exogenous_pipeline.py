@@ -5,6 +5,7 @@ from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import numpy as np
 import polars
 import pytest
@@ -13,6 +14,7 @@ from example_params import EXAMPLE, write_params
 from learning import BOAT, sail
 
 from addressed_dynamics import AddressedDynamics, tracking
+from addressed_dynamics.envs import LEARNED
 from addressed_dynamics.episodes.parquet import load_transitions
 from pipeline import convert, evaluate, import_data, report, train_addressing, train_baselines, train_ensemble
 from pipeline.stage import Call
@@ -113,6 +115,19 @@ def test_the_delivered_model_predicts_with_the_wind_better_than_with_that_of_ano
         np.abs(model.predict(*given, exogenous=each) - after)[:, 1].mean() for each in (wind, np.roll(wind, 1, axis=0))
     )
     assert right < wrong / 3
+
+
+def test_the_model_is_an_environment_in_which_the_wind_of_a_training_voyage_blows(finished: Path) -> None:
+    train = load_transitions(finished / "data/tables/boat", split="train")
+    model = AddressedDynamics.load(finished / "data/models/boat")
+    env = gymnasium.make(LEARNED, model=finished / "data/models/boat")
+    state, info = env.reset(seed=0)
+    row = int(np.flatnonzero((train.episode == info["episode"]) & (train.step == info["step"]))[0])
+    np.testing.assert_array_equal(state, train.observation[row])
+    after = env.step(train.action[row])[0]
+    rows = slice(row - 1, row + 1)
+    expected = model.predict(train.observation[rows], train.action[rows], exogenous=train.exogenous[rows])
+    np.testing.assert_array_equal(after, expected)
 
 
 def test_the_evaluation_replays_the_recorded_wind(finished: Path) -> None:

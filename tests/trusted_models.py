@@ -78,7 +78,11 @@ def trusted_model(history: int = 1) -> tuple[AddressedDynamics, AddressedDynamic
 
 def write_models(folder: Path) -> Path:
     """Write two models and the trust in one of them."""
-    model, partner, trust = trusted_model()
+    return write_pair(folder, *trusted_model())
+
+
+def write_pair(folder: Path, model: AddressedDynamics, partner: AddressedDynamics, trust: Trust) -> Path:
+    """Write two models, and the trust in the first."""
     keys = ["total_parameters/seed-0", "total_parameters/seed-1"]
     for key, each in zip(keys, (model, partner), strict=True):
         save_network(folder / "baselines" / key / "network", SavedNetwork(each.ensemble, each.features, {}))
