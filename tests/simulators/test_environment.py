@@ -333,9 +333,11 @@ def test_it_is_made_of_a_folder_of_models_with_what_is_kept_there(tmp_path: Path
     assert 0.0 <= env.step(np.zeros(1, np.float32))[4]["trust"] <= 1.0
     write_starts(folder, starts_of(drifting(3, 0), 1))
     env = gymnasium.make(LEARNED, **options)
-    env.reset(seed=0)
-    other = gymnasium.make(LEARNED, **options | {"candidate": "total_parameters"}, trust=False)
+    saved = str(folder / "baselines" / "total_parameters" / "seed-0")
+    other = gymnasium.make(LEARNED, model=saved, starts=folder)
     np.testing.assert_array_equal(env.reset(seed=1)[0], other.reset(seed=1)[0])
+    with pytest.raises(ModelError, match=r"seed-0: one saved model, beside which no starts are kept; name the folder"):
+        gymnasium.make(LEARNED, model=saved).unwrapped.reset(seed=0)
 
 
 def test_it_is_recorded_with_the_names_of_its_dimensions(tmp_path: Path) -> None:

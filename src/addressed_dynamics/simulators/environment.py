@@ -183,6 +183,9 @@ class LearnedEnvironments(VectorEnv[States, Any, np.ndarray]):
     def _tell(self, infos: dict[str, Any], info: Info, rows: Int64[np.ndarray, " chosen"]) -> None:
         """Add what is said of some copies, beside which copies that are, as Gymnasium has it."""
         for name, values in info.items():
+            if len(rows) == self.num_envs:
+                infos[name], infos[f"_{name}"] = values, np.ones(self.num_envs, bool)
+                continue
             if name not in infos:
                 fill = None if values.dtype == object else 0
                 infos[name] = np.full(self.num_envs, fill, values.dtype)

@@ -252,6 +252,11 @@ def _starts(model: AddressedDynamics, place: Starts | str | Path | None) -> tupl
     """Return the starts, or why there are none."""
     if place is None:
         return None, "nobody says where to start; give starts=, or a state: reset(options={'state': ...})"
+    if not isinstance(place, Starts) and (Path(place) / "network").is_dir():
+        return None, (
+            f"{place}: one saved model, beside which no starts are kept; name the folder of the experiment's models, "
+            "for instance starts='data/models/mountaincar', or give a state: reset(options={'state': ...})"
+        )
     try:
         found = place if isinstance(place, Starts) else read_starts(Path(place))
     except ModelError as error:
