@@ -11,8 +11,10 @@ from jaxtyping import Bool, Float32, Float64, Int64
 from torch import Tensor
 
 from addressed_dynamics.base.errors import ModelError
+from addressed_dynamics.simulators.given import Given
+from addressed_dynamics.simulators.spaces import checked_actions
 from addressed_dynamics.simulators.tasks import NOBODY, exogenous_at, reward_and_end
-from addressed_dynamics.simulators.worlds import Given, World
+from addressed_dynamics.simulators.worlds import World
 
 Info = dict[str, np.ndarray]
 """What is said of some copies beside their states: an array with a value for each, by name."""
@@ -116,7 +118,7 @@ class Copies:
             ModelError: an action is outside the space, a copy has ended, or a function of the user's fails.
         """
         world, history = self.world, self.world.history
-        chosen = world.checked_actions(actions, len(rows))
+        chosen = checked_actions(world.model.features.spaces, world.action_space, actions, len(rows))
         if self.ended[rows].any():
             message = f"copy {rows[self.ended[rows]][0]} has not started, or its episode has ended; reset it first"
             raise ModelError(message)

@@ -30,6 +30,7 @@ from jaxtyping import Bool, Float32, Float64, Int64
 from addressed_dynamics.base.errors import ModelError
 from addressed_dynamics.simulators.addressed import AddressedDynamics
 from addressed_dynamics.simulators.copies import Copies, Info, all_rows, reset_seeds
+from addressed_dynamics.simulators.given import given_starts
 from addressed_dynamics.simulators.worlds import World, WorldOptions
 
 State = Float32[np.ndarray, " observation"]
@@ -65,7 +66,7 @@ class LearnedEnvironment(gymnasium.Env[State, Any]):
         """
         super().reset(seed=seed)
         self._copies.generators = [self.np_random]
-        given = self.world.given_starts(options or {}, 1)
+        given = given_starts(self.world, options or {}, 1)
         observation, info = self._copies.start(all_rows(1), given)
         return observation[0], _of_one(info)
 
@@ -145,7 +146,7 @@ class LearnedEnvironments(VectorEnv[States, Any, np.ndarray]):
             if seeds[row] is not None:
                 self._copies.generators[row] = seeding.np_random(seeds[row])[0]
         infos: dict[str, Any] = {}
-        started = self._copies.start(rows, self.world.given_starts(wanted, self.num_envs))
+        started = self._copies.start(rows, given_starts(self.world, wanted, self.num_envs))
         self._observation[rows] = started[0]
         self._tell(infos, started[1], rows)
         return self._observation.copy(), infos

@@ -22,7 +22,7 @@ class Told:
 
     name: str
     """What it is called in `info` and in errors: `module:function`."""
-    function: Callable[..., Any]
+    call: Callable[..., Any]
 
 
 def told(given: Callable[..., Any] | str, what: str) -> Told:
@@ -92,31 +92,31 @@ def exogenous_at(function: Told, step: Int64[np.ndarray, " copy"], width: int) -
     return _numbers(function, "function of exogenous inputs", "values", found, (len(step), width)).astype(np.float32)
 
 
-def _called(told: Told, what: str, *arguments: np.ndarray) -> Any:
+def _called(function: Told, what: str, *arguments: np.ndarray) -> Any:
     try:
-        return told.function(*arguments)
+        return function.call(*arguments)
     except Exception as error:
         reason = str(error).split("\n", maxsplit=1)[0]
-        message = f"the {what} '{told.name}' raised {type(error).__name__}: {reason}"
+        message = f"the {what} '{function.name}' raised {type(error).__name__}: {reason}"
         raise ModelError(message) from error
 
 
-def _numbers(told: Told, what: str, values: str, found: Any, shape: tuple[int, ...]) -> np.ndarray:
+def _numbers(function: Told, what: str, values: str, found: Any, shape: tuple[int, ...]) -> np.ndarray:
     """Return finite numbers of a shape, or of one that is the same for all copies."""
     try:
         numbers = np.asarray(found, np.float64)
     except (TypeError, ValueError) as error:
-        message = f"the {what} '{told.name}' should return {values} that are numbers, but {error}"
+        message = f"the {what} '{function.name}' should return {values} that are numbers, but {error}"
         raise ModelError(message) from error
     if numbers.shape not in (shape, shape[1:]):
         message = (
-            f"the {what} '{told.name}' should return {values} of shape {shape}, one row a copy, but they have "
+            f"the {what} '{function.name}' should return {values} of shape {shape}, one row a copy, but they have "
             f"{numbers.shape}"
         )
         raise ModelError(message)
     whole = np.array(np.broadcast_to(numbers, shape))
     if not np.isfinite(whole).all():
         copy = int(np.argwhere(~np.isfinite(whole))[0][0])
-        message = f"the {what} '{told.name}' returned {values} that are not finite: {whole[copy]} for copy {copy}"
+        message = f"the {what} '{function.name}' returned {values} that are not finite: {whole[copy]} for copy {copy}"
         raise ModelError(message)
     return whole

@@ -3,28 +3,26 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, TypedDict
 
 import numpy as np
 from gymnasium.spaces import Box, Discrete
-from jaxtyping import Float32, Int64
+from jaxtyping import Int64
 
 from addressed_dynamics.base.errors import ModelError
-from addressed_dynamics.episodes.transitions import Dimension, DiscreteAction
+from addressed_dynamics.episodes.transitions import DiscreteAction
 from addressed_dynamics.simulators.addressed import AddressedDynamics
-from addressed_dynamics.simulators.arrays import Values, as_tensor, finite
 from addressed_dynamics.simulators.modes import Mode
+from addressed_dynamics.simulators.spaces import observation_box, space_of_actions
 from addressed_dynamics.simulators.starts import Starts, read_starts
 from addressed_dynamics.simulators.tasks import Told, told
 from addressed_dynamics.simulators.trust import Trust
 
 Begin = Literal["beginnings", "anywhere"]
 BEGINS: tuple[Begin, ...] = ("beginnings", "anywhere")
-OPTIONS = ("state", "actions", "exogenous")
-"""Keys of the options of `reset` that give a start."""
 
 
 class WorldOptions(TypedDict, total=False):
@@ -51,17 +49,6 @@ class WorldOptions(TypedDict, total=False):
     exact: bool
     """Whether the networks compute in double precision, rounded once a step, so that a copy's states do not depend on
     how many others there are. In single precision, the default and twice as fast, they do in the last digit."""
-
-
-@dataclass(frozen=True)
-class Given:
-    """Starts that a user gave, one for each copy."""
-
-    observation: Float32[np.ndarray, "copy frame observation"]
-    action: np.ndarray
-    """Actions in all frames but the last, (copy, frame - 1, ...)."""
-    exogenous: Float32[np.ndarray, "copy row exogenous"] | None
-    """Exogenous inputs from the first frame on; None if a function says them, or if there are none."""
 
 
 @dataclass(frozen=True)
@@ -133,8 +120,8 @@ class World:
             exogenous=None if exogenous is None else told(exogenous, "exogenous"),
             trust=_trust(used, wanted=trust, least=least_trust),
             least_trust=least_trust,
-            observation_space=_box(used.features.spaces.observation),
-            action_space=_action_space(used, found),
+            observation_space=observation_box(used.features.spaces),
+            action_space=space_of_actions(used.features.spaces, found),
         )
 
     @property
@@ -159,93 +146,6 @@ class World:
                 "step_seconds": spaces.step_seconds,
             },
         }
-
-    def checked_actions(self, actions: Any, number: int) -> np.ndarray:
-        """Return actions of so many copies.
-
-        Raises:
-            ModelError: they are of another number or type, or outside the space.
-        """
-        given = as_tensor(actions).numpy()
-        space = self.action_space
-        if isinstance(space, Discrete):
-            kind = self.model.features.spaces.action
-            assert isinstance(kind, DiscreteAction)
-            if given.shape != (number,) or given.dtype.kind not in "iu":
-                message = f"actions should be {number} integers, but are {given.dtype} of shape {given.shape}"
-                raise ModelError(message)
-            outside = (given < 0) | (given >= kind.count)
-            if outside.any():
-                names = ", ".join(kind.names)
-                message = f"actions should lie in 0..{kind.count - 1} ({names}), but one is {given[outside][0]}"
-                raise ModelError(message)
-            return given.astype(np.int64)
-        shape = (number, *space.shape)
-        if given.shape != shape:
-            message = f"actions should have shape {shape}, but have {given.shape}"
-            raise ModelError(message)
-        numbers = finite(as_tensor(given), "actions").numpy()
-        kind = self.model.features.spaces.action
-        assert not isinstance(kind, DiscreteAction)
-        _check_bounds(numbers, space, kind.dimensions, "actions")
-        return numbers
-
-    def given_starts(self, options: Mapping[str, Any], number: int) -> Given | None:
-        """Return the starts that options of `reset` give; None if they give none.
-
-        Args:
-            options: `state`, (d,) or, with a history of H frames, (H, d), oldest first; with a history `actions`, those
-                in all frames but the last; `exogenous`, from the first frame on, if they are replayed. Of every copy,
-                with an axis more in front, or the same for all.
-            number: number of copies.
-
-        Raises:
-            ModelError: an option is unknown, missing, of another shape, or outside the space.
-        """
-        if unknown := [str(key) for key in options if key not in OPTIONS]:
-            message = f"reset knows no option '{unknown[0]}' (options: {', '.join(OPTIONS)})"
-            raise ModelError(message)
-        if "state" not in options:
-            if options:
-                message = f"option '{next(iter(options))}' belongs to a given start; give its 'state', too"
-                raise ModelError(message)
-            return None
-        spaces, past = self.model.features.spaces, self.history - 1
-        width, acted = len(spaces.observation), self.action_space.shape or ()
-        frames = (width,) if past == 0 else (self.history, width)
-        state = finite(as_tensor(options["state"]), "option 'state'").numpy()
-        state = _for_all(state, "state", frames, number)
-        _check_bounds(state, self.observation_space, spaces.observation, "option 'state'")
-        action = np.empty((number, 0, *acted), self.action_space.dtype)
-        if past or "actions" in options:
-            shape = (past, *acted)
-            if "actions" not in options:
-                message = f"a start of {self.history} frames needs option 'actions', of shape {shape}"
-                raise ModelError(message)
-            action = _for_all(as_tensor(options["actions"]).numpy(), "actions", shape, number)
-            flat = action.reshape(number * past, *acted)
-            action = self.checked_actions(flat, number * past).reshape(number, *shape) if past else action
-        return Given(state.reshape(number, past + 1, width), action, self._given_exogenous(options, number))
-
-    def _given_exogenous(
-        self, options: Mapping[str, Any], number: int
-    ) -> Float32[np.ndarray, "copy row exogenous"] | None:
-        wanted = bool(self.model.features.spaces.exogenous) and self.exogenous is None
-        width = len(self.model.features.spaces.exogenous)
-        if not wanted:
-            if "exogenous" in options:
-                message = "option 'exogenous' is not asked for: nothing is replayed; leave it out"
-                raise ModelError(message)
-            return None
-        rows = f"(rows, {width}), with at least {self.history} rows, the first beside the first frame"
-        if "exogenous" not in options:
-            message = f"a given start needs option 'exogenous', of shape {rows}; or give a function: exogenous="
-            raise ModelError(message)
-        values = finite(as_tensor(options["exogenous"]), "option 'exogenous'").numpy()
-        if values.ndim not in (2, 3) or values.shape[-1] != width or values.shape[-2] < self.history:
-            message = f"option 'exogenous' should have shape {rows}, but has {values.shape}"
-            raise ModelError(message)
-        return _for_all(values, "exogenous", values.shape[-2:], number)
 
 
 def _starts(model: AddressedDynamics, place: Starts | str | Path | None) -> tuple[Starts | None, str]:
@@ -287,44 +187,3 @@ def _precise(model: AddressedDynamics) -> AddressedDynamics:
     """Return the same model with networks in double precision."""
     addressing = None if model.addressing is None else copy.deepcopy(model.addressing).double()
     return AddressedDynamics(model.features, copy.deepcopy(model.ensemble).double(), addressing, mode=model.mode)
-
-
-def _box(dimensions: tuple[Dimension, ...]) -> Box:
-    low, high = np.array([(each.low, each.high) for each in dimensions], np.float32).reshape(-1, 2).T
-    return Box(low, high, dtype=np.float32)
-
-
-def _action_space(model: AddressedDynamics, starts: Starts | None) -> Box | Discrete:
-    """Return the space of actions; where components have no bounds, what was recorded bounds them."""
-    kind = model.features.spaces.action
-    if isinstance(kind, DiscreteAction):
-        return Discrete(kind.count)
-    space = _box(kind.dimensions)
-    if starts is None:
-        return space
-    lowest, highest = starts.action_range
-    low = np.where(np.isfinite(space.low), space.low, lowest)
-    return Box(low, np.where(np.isfinite(space.high), space.high, highest), dtype=np.float32)
-
-
-def _check_bounds(
-    values: Float32[np.ndarray, "*batch dimension"], space: Box, dimensions: tuple[Dimension, ...], what: str
-) -> None:
-    outside = (values < space.low) | (values > space.high)
-    if outside.any():
-        place = tuple(np.argwhere(outside)[0].tolist())
-        bad = dimensions[place[-1]]
-        low, high = space.low[place[-1]], space.high[place[-1]]
-        unit = f" {bad.unit}" if bad.unit else ""
-        message = f"{what}: '{bad.name}' should lie in {low:g}..{high:g}{unit}, but one is {values[place]:g}"
-        raise ModelError(message)
-
-
-def _for_all(values: Values, name: str, shape: tuple[int, ...], number: int) -> np.ndarray:
-    """Return what an option gives to every copy, or to all the same."""
-    array = np.asarray(values)
-    if array.shape not in (shape, (number, *shape)):
-        copies = f", or {(number, *shape)} for each copy" if number > 1 else ""
-        message = f"option '{name}' should have shape {shape}{copies}, but has {array.shape}"
-        raise ModelError(message)
-    return np.array(np.broadcast_to(array, (number, *shape)))
