@@ -16,9 +16,9 @@ def steps_to_the_goal(
     states: Float[np.ndarray, "plan step observation"],
     actions: np.ndarray,  # noqa: ARG001 - no action costs more than another
 ) -> Float[np.ndarray, " plan"]:
-    """Return the steps before the position first is 0.5 m, or all of them and more the farther it stays away."""
-    farthest = np.maximum.accumulate(states[..., 0], axis=1)
-    missing: Float[np.ndarray, " plan"] = (farthest < 0.5).sum(axis=1) + 100.0 * np.maximum(0.5 - farthest[:, -1], 0.0)
+    """Return the steps before the position is 0.5 m, or all of them and more the farther it stays away."""
+    farthest = np.maximum.accumulate(states[..., 0].clip(max=0.5), axis=1)
+    missing: Float[np.ndarray, " plan"] = (farthest < 0.5).sum(axis=1) + 100 * (0.5 - farthest[:, -1])
     return missing
 
 

@@ -11,7 +11,7 @@ from addressed_dynamics.episodes.transitions import DiscreteAction
 from addressed_dynamics.planning.bounds import Bounds, action_box
 from addressed_dynamics.planning.distributions import Categorical, Distribution, Gaussian, following
 from addressed_dynamics.planning.judging import Cost, Judge
-from addressed_dynamics.planning.planner import Plan, Planner
+from addressed_dynamics.planning.planner import Plan, Planner, check_whole
 from addressed_dynamics.simulators.addressed import AddressedDynamics
 
 
@@ -80,8 +80,9 @@ class CEM(Planner):
         )  # fmt: skip
         self.elites = min(samples, max(2, samples // 10)) if elites is None else elites
         self.smoothing = smoothing
-        if not 1 <= self.elites <= samples:
-            message = f"elites should be between 1 and the number of samples, {samples}, but are {elites}"
+        check_whole("elites", self.elites, least=1)
+        if self.elites > samples:
+            message = f"elites should be at most as many as the samples, {samples}, but are {elites}"
             raise PlanningError(message)
         if not 0.0 < smoothing <= 1.0:
             message = f"smoothing should be above 0 and at most 1, but is {smoothing}"

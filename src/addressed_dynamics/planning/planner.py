@@ -66,7 +66,8 @@ class Planner(ABC):
             hold: steps for which an action is held. T is a multiple of it.
             warm_start: whether a search begins with the rest of the plan before.
             trust: least trust in a step, in (0, 1], for a model whose trust was calibrated: from a plan's first step
-                with less on, it is not believed. Without calibration a warning says why, and all is believed. None to
+                with less on, it is not believed. One step in a hundred of validation episodes has a trust below 0.01,
+                so of many steps one soon has. Without calibration a warning says why, and all is believed. None to
                 believe all.
             penalty: what each step costs that is not believed, in the unit of the cost: in place of its own cost, or
                 in addition if the cost is (B,). Give one larger than the cost of a bad step. Needed with `trust`.
@@ -75,11 +76,9 @@ class Planner(ABC):
         Raises:
             PlanningError: a setting is none that a planner can have.
         """
-        whole = {"horizon": horizon, "samples": samples, "iterations": iterations, "hold": hold}
-        for name, value in whole.items():
-            if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
-                message = f"{name} should be a whole number of at least 1, but is {value!r}"
-                raise PlanningError(message)
+        for name, value in {"horizon": horizon, "samples": samples, "iterations": iterations, "hold": hold}.items():
+            check_whole(name, value, least=1)
+        check_whole("seed", seed, least=0)
         if horizon % hold:
             message = f"the horizon should be a multiple of hold, {hold} steps, but is {horizon}"
             raise PlanningError(message)
@@ -114,8 +113,13 @@ class Planner(ABC):
 
         Args:
             seed: of what is drawn from now on; None for the one before, which then repeats.
+
+        Raises:
+            PlanningError: the seed is none.
         """
-        self._seed = self._seed if seed is None else seed
+        if seed is not None:
+            check_whole("seed", seed, least=0)
+            self._seed = seed
         self._past.forget()
         self.plan, self._held = None, 0
         self._forget()
@@ -207,6 +211,17 @@ class Planner(ABC):
         for frame in range(history - 1):
             self._past.add(states[frame], before[frame], None if own is None else own[frame])
         return states[-1], None if own is None else own[history - 1 :]
+
+
+def check_whole(name: str, value: object, *, least: int) -> None:
+    """Check a setting that is a whole number.
+
+    Raises:
+        PlanningError: it is none, or is less than the least.
+    """
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
+        message = f"{name} should be a whole number of at least {least}, but is {value!r}"
+        raise PlanningError(message)
 
 
 def _checked_doubt(model: AddressedDynamics, trust: float | None, penalty: float | None) -> Doubt | None:
