@@ -5,6 +5,7 @@ Run it in the root of the repository after `make example`: `python -m examples.p
 
 import argparse
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +13,32 @@ from jaxtyping import Float
 
 from addressed_dynamics import CEM, MPPI, AddressedDynamics
 from addressed_dynamics.base.errors import AddressedDynamicsError
-from addressed_dynamics.planning import Planner
+from addressed_dynamics.planning import Cost, Planner
 from examples.pendulum.make_logs import TICK, integrate
 
 NEAR = 0.05
 """So close to the target counts as there, in rad."""
+
+
+def staying(target: float) -> Cost:
+    """Return the cost of angles (rad) away from the target, and a little of torques."""
+
+    def cost(states: np.ndarray, actions: np.ndarray) -> Float[np.ndarray, "plan step"]:
+        squared: Float[np.ndarray, "plan step"] = (states[..., 0] - target) ** 2 + 0.001 * actions[..., 0] ** 2
+        return squared
+
+    return cost
+
+
+def reaching(target: float) -> Cost:
+    """Return the cost of never coming near the target (rad), and a little of the steps until then."""
+
+    def cost(states: np.ndarray, actions: np.ndarray) -> Float[np.ndarray, " plan"]:  # noqa: ARG001 - torques cost nothing
+        distance = np.abs(states[..., 0] - target)
+        nearest: Float[np.ndarray, " plan"] = distance.min(axis=1) + 0.001 * distance.argmin(axis=1)
+        return nearest
+
+    return cost
 
 
 def episode(planner: Planner, steps: int, step_seconds: float) -> Float[np.ndarray, " step"]:
@@ -40,22 +62,22 @@ def main() -> None:
     parser.add_argument("--models", type=Path, default=Path("data/models/pendulum"))
     options = parser.parse_args()
     model = AddressedDynamics.load(options.models)
-    print("| planner | target, rad | first there after, s | mean distance in the last second, rad |")
+    seconds = model.features.spaces.step_seconds
+    cem = partial(CEM, model, samples=100, iterations=3, trust=0.001, penalty=4.0)
+    mppi = partial(MPPI, model, iterations=2, temperature=0.02, trust=0.001, penalty=4.0)
+    tasks = {
+        "stay at 0.35 rad, CEM": (0.35, cem(staying(0.35), horizon=20)),
+        "stay at 0.35 rad, MPPI": (0.35, mppi(staying(0.35), horizon=20)),
+        "stay at −0.2 rad, CEM": (-0.2, cem(staying(-0.2), horizon=20)),
+        "stay at −0.2 rad, MPPI": (-0.2, mppi(staying(-0.2), horizon=20)),
+        "swing up to 1.2 rad, CEM": (1.2, cem(reaching(1.2), horizon=40, hold=2)),
+    }
+    print("| task | nearest, rad | there after, s | mean distance in the last second, rad |")
     print("| --- | ---: | ---: | ---: |")
-    for target in (0.35, -0.2):
-
-        def cost(states: np.ndarray, actions: np.ndarray, target: float = target) -> Float[np.ndarray, "plan step"]:
-            squared: Float[np.ndarray, "plan step"] = (states[..., 0] - target) ** 2 + 0.001 * actions[..., 0] ** 2
-            return squared
-
-        for planner in (
-            CEM(model, cost, horizon=20, samples=100, iterations=3, trust=0.001, penalty=4.0),
-            MPPI(model, cost, horizon=20, samples=100, iterations=3, temperature=0.02, trust=0.001, penalty=4.0),
-        ):
-            distance = np.abs(episode(planner, 80, model.features.spaces.step_seconds) - target)
-            there = f"{(np.argmax(distance < NEAR) + 1) * model.features.spaces.step_seconds:.2f}"
-            found = there if (distance < NEAR).any() else "never"
-            print(f"| {type(planner).__name__} | {target} | {found} | {distance[-20:].mean():.3f} |")
+    for name, (target, planner) in tasks.items():
+        distance = np.abs(episode(planner, 80, seconds) - target)
+        there = f"{(np.argmax(distance < NEAR) + 1) * seconds:.2f}" if (distance < NEAR).any() else "never"
+        print(f"| {name} | {distance.min():.3f} | {there} | {distance[-20:].mean():.3f} |", flush=True)
 
 
 if __name__ == "__main__":
