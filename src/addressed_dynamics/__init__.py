@@ -6,6 +6,8 @@ if TYPE_CHECKING:
     from addressed_dynamics.episodes.motion import Motion
     from addressed_dynamics.episodes.transitions import Transitions
     from addressed_dynamics.logs import write_log
+    from addressed_dynamics.planning.cem import CEM
+    from addressed_dynamics.planning.mppi import MPPI
     from addressed_dynamics.recording.recorder import TransitionRecorder
     from addressed_dynamics.simulators.addressed import AddressedDynamics
     from addressed_dynamics.simulators.motion import MotionModel
@@ -14,6 +16,8 @@ if TYPE_CHECKING:
     from addressed_dynamics.training.clustering import assign_to_bins
 
 __all__ = [
+    "CEM",
+    "MPPI",
     "AddressedDynamics",
     "Motion",
     "MotionModel",
@@ -27,6 +31,8 @@ __all__ = [
 
 _HOMES = {
     "AddressedDynamics": "addressed_dynamics.simulators.addressed",
+    "CEM": "addressed_dynamics.planning.cem",
+    "MPPI": "addressed_dynamics.planning.mppi",
     "Motion": "addressed_dynamics.episodes.motion",
     "MotionModel": "addressed_dynamics.simulators.motion",
     "TransitionRecorder": "addressed_dynamics.recording.recorder",

@@ -44,6 +44,10 @@ class TrainingError(AddressedDynamicsError):
     """Training cannot start or go on: no samples, a loss that is not finite, a checkpoint that does not fit."""
 
 
+class PlanningError(AddressedDynamicsError):
+    """A plan cannot be made: settings that no planner has, a cost that is no number, or a state of another shape."""
+
+
 class EvaluationError(AddressedDynamicsError):
     """A model cannot be evaluated on the data it was given."""
 
