@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
@@ -155,7 +156,10 @@ class Gauge:
         logarithms, distances = self._looked_up(torch.from_numpy(given))
         size = np.exp(own["of_errors"] * logarithms + own["of_difference"] * np.log(apart + own["floor"]))
         farther = np.maximum((distances / own["limits"]).max(axis=0), np.float32(1.0))
-        error = size * own["constant"] * farther[:, None]
+        # Inputs whose squares float32 cannot hold are as far off as those that are no numbers.
+        with np.errstate(over="ignore", invalid="ignore"):
+            error = size * own["constant"] * farther[:, None]
+        finite &= np.isfinite(distances).all(axis=0) & np.isfinite(error).all(axis=1)
         spread = np.sqrt(np.square(apart, dtype=np.float64).mean(axis=1) + 1e-24)
         signals = np.log(np.concatenate([spread[None], distances + 1e-12]))
         if not finite.all():
@@ -294,6 +298,26 @@ class Trust:
         # Where nothing can be off, a scale of 0 times infinity would be no number.
         return scale.clamp(min=torch.finfo(torch.float32).tiny) * torch.from_numpy(by_step).to(torch.float32)
 
+    def ends(
+        self,
+        states: Float[Tensor, "sample step observation"],
+        scale: Float[Tensor, "sample step observation"],
+        coverage: float,
+    ) -> tuple[Float[Tensor, "sample step observation"], Float[Tensor, "sample step observation"]]:
+        """Return the ends of the intervals around predicted states; infinite where these are not finite.
+
+        Args:
+            states: in the steps of a rollout.
+            scale: as in `half`.
+            coverage: as in `half`.
+
+        Raises:
+            ModelError: there is no such coverage.
+        """
+        half = self.half(scale, coverage)
+        known = states.isfinite()
+        return (states - half).where(known, -torch.inf), (states + half).where(known, torch.inf)
+
     def surprises(
         self, error: Float[Tensor, "sample observation"], expected: Float[Tensor, "sample observation"]
     ) -> Float64[np.ndarray, " sample"]:
@@ -301,6 +325,9 @@ class Trust:
         return self.surprise.unlikely(beyond_expectation(error, expected))
 
     def _level(self, coverage: float) -> float:
+        if not isinstance(coverage, Real):
+            message = f"coverage is a share between 0 and 1, for instance 0.9, but is {coverage!r}"
+            raise ModelError(message)
         if not 0.0 < coverage < 1.0:
             message = f"coverage is a share between 0 and 1, for instance 0.9, but is {coverage:g}"
             raise ModelError(message)

@@ -108,6 +108,39 @@ def test_surprise_is_one_on_average_and_grows_with_changed_mechanics():
     assert nothing == np.inf
 
 
+@pytest.mark.parametrize("size", [1e19, 1e38, 3e38])
+def test_states_whose_squares_no_float_holds_are_not_trusted_and_have_endless_intervals(size):
+    model, _, _ = trusted_model()
+    push = np.zeros((2, 1), np.float32)
+    for state in ([size, size], [size, -size]):
+        states = np.array([state, [0.0, 0.0]], np.float32)
+        trust, (low, high) = model.trust(states, push), model.interval(states, push)
+        assert trust[0] == 0.0 < trust[1]
+        assert (low[0] == -np.inf).all()
+        assert (high[0] == np.inf).all()
+        assert np.isfinite([low[1], high[1]]).all()
+        found = model.rollout(states, np.zeros((2, 3, 1)), with_trust=True)
+        assert (found.low[0] == -np.inf).all()
+        assert found.trust[0].tolist() == [0.0, 0.0, 0.0]
+    assert model.trust([[0.0, 0.0]], [[size]]) == 0.0
+
+
+def test_no_states_have_no_trust():
+    model, _, _ = trusted_model()
+    assert model.trust(np.empty((0, 2)), np.empty((0, 1))).shape == (0,)
+    # Frames that overlap in memory, as windows of a sequence do.
+    longer, _, _ = trusted_model(3)
+    frames = torch.zeros(3, 4, 2).permute(1, 0, 2)
+    assert longer.trust(frames, torch.zeros(4, 3, 1)).shape == (4,)
+
+
+@pytest.mark.parametrize("coverage", ["0.9", None, [0.9], np.array([0.5, 0.9])])
+def test_a_coverage_that_is_no_number(coverage):
+    model, _, _ = trusted_model()
+    with pytest.raises(ModelError, match="a share between 0 and 1, for instance"):
+        model.interval(np.zeros((1, 2)), np.zeros((1, 1)), coverage)
+
+
 @pytest.mark.parametrize(("coverage", "what"), [(0.0, "between 0 and 1"), (1.0, "between 0 and 1"), (0.999, "0.01 to")])
 def test_no_such_coverage(coverage, what):
     model, _, _ = trusted_model()
