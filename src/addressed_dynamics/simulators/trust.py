@@ -105,8 +105,13 @@ class Reference:
         return float(np.interp(1.0 - TAIL, self._levels, self.quantiles))
 
     def share_above(self, values: Float64[np.ndarray, "*batch"]) -> Float64[np.ndarray, "*batch"]:
-        """Return the share of validation points with a larger value: 1 below all of them, 0 above."""
-        share: Float64[np.ndarray, "*batch"] = 1.0 - np.interp(values, self.quantiles, self._levels)
+        """Return the share of validation points with a larger value: 1 below all of them, 0 above.
+
+        Of points with the same value half count as larger, so that the mean over the validation points is 1/2.
+        """
+        least = np.interp(-values, -self.quantiles[::-1], self._levels)
+        most = 1.0 - np.interp(values, self.quantiles, self._levels)
+        share: Float64[np.ndarray, "*batch"] = (least + most) / 2.0
         return share
 
     def unlikely(self, values: Float64[np.ndarray, "*batch"]) -> Float64[np.ndarray, "*batch"]:
@@ -116,7 +121,7 @@ class Reference:
         is beyond all validation points still has an order.
         """
         start = self._tail
-        inner = -np.log(np.maximum(self.share_above(values), TAIL))
+        inner = -np.log(np.clip(self.share_above(values), TAIL, 1.0)) + 0.0
         # Values that are all the same have no tail; what is beyond them is as unlikely as can be told.
         step = np.maximum(values - start, 0.0) / max(self.excess, 1e-9 * max(abs(start), 1e-9))
         found: Float64[np.ndarray, "*batch"] = np.where(values > start, -np.log(TAIL) + step, inner)

@@ -8,6 +8,7 @@ from addressed_dynamics.evaluation.transitions.calibration import calibrate, cov
 from addressed_dynamics.evaluation.transitions.points import Points
 from addressed_dynamics.features.transitions.spec import fit_features
 from addressed_dynamics.simulators.addressed import AddressedDynamics
+from addressed_dynamics.simulators.trust import Reference
 from addressed_dynamics.sources.transitions.params import FeatureParams
 
 
@@ -218,3 +219,14 @@ def test_an_input_that_never_changes_is_no_noise_and_its_first_change_is_not_tru
     state = train.observation[:20]
     assert trusted.trust(state, np.full((20, 1), 0.3)).mean() > 0.2
     assert trusted.trust(state, np.full((20, 1), 1.0)).max() < 0.01
+
+
+@pytest.mark.parametrize("number", [1, 2, 4])
+def test_points_that_are_all_alike_are_neither_beyond_all_nor_surprising(number):
+    values = np.random.default_rng(0).integers(0, number, 4000).astype(np.float64)
+    reference = Reference.of(values)
+    assert reference.share_above(values).mean() == pytest.approx(0.5, abs=1e-3)
+    assert reference.share_above(values).min() > 0.0
+    assert 0.5 < reference.unlikely(values).mean() <= 1.0
+    assert reference.share_above(np.array([number, -1.0])).tolist() == [0.0, 1.0]
+    assert reference.unlikely(np.array([number, -1.0])).tolist()[0] > 1e6
