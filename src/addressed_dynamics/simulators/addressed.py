@@ -272,9 +272,10 @@ class AddressedDynamics:
             trust = self.trusted(mode)
             trust.check_coverage(coverage)
             followed = self.follow(state, steps, replayed, trust.scales, mode, generator)
-            half = trust.half(followed.scale, coverage)
-            ends = (followed.states - half, followed.states + half, torch.from_numpy(trust.trust(followed.signals)))
-            return TrustedRollout(*(answer(each, observation, single=single) for each in (followed.states, *ends)))
+            low, high = trust.ends(followed.states, followed.scale, coverage)
+            each_step = torch.from_numpy(trust.trust(followed.signals))
+            parts = (followed.states, low, high, each_step)
+            return TrustedRollout(*(answer(each, observation, single=single) for each in parts))
         states = torch.empty(len(state), steps.shape[1] - history + 1, len(self.features.spaces.observation))
         for t in range(states.shape[1]):
             rows = t if history == 1 else slice(t, t + history)
@@ -352,8 +353,8 @@ class AddressedDynamics:
         trust = self.trusted(self.mode)
         trust.check_coverage(coverage)
         predicted, found = self._expected(trust, *given)
-        half = trust.half(found.error.unsqueeze(1), coverage)[:, 0]
-        low, high = (answer(each, observation, single=single) for each in (predicted - half, predicted + half))
+        ends = trust.ends(predicted.unsqueeze(1), found.error.unsqueeze(1), coverage)
+        low, high = (answer(each[:, 0], observation, single=single) for each in ends)
         return cast("tuple[Tensor, Tensor] | tuple[np.ndarray, np.ndarray]", (low, high))
 
     @overload
@@ -383,7 +384,7 @@ class AddressedDynamics:
         given, single = self._batch(states.nan_to_num(nan=0.0, posinf=0.0, neginf=0.0), action, exogenous)
         trust = self.trusted(self.mode)
         _, found = self._expected(trust, *given)
-        known = states.view(len(given[0]), -1).isfinite().all(dim=1)
+        known = states.reshape(given[0].shape).isfinite().flatten(start_dim=1).all(dim=1)
         share = torch.where(known, torch.from_numpy(trust.trust(found.signals)), 0.0)
         return answer(share, observation, single=single)
 

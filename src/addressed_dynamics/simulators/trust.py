@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
@@ -104,8 +105,13 @@ class Reference:
         return float(np.interp(1.0 - TAIL, self._levels, self.quantiles))
 
     def share_above(self, values: Float64[np.ndarray, "*batch"]) -> Float64[np.ndarray, "*batch"]:
-        """Return the share of validation points with a larger value: 1 below all of them, 0 above."""
-        share: Float64[np.ndarray, "*batch"] = 1.0 - np.interp(values, self.quantiles, self._levels)
+        """Return the share of validation points with a larger value: 1 below all of them, 0 above.
+
+        Of points with the same value half count as larger, so that the mean over the validation points is 1/2.
+        """
+        least = np.interp(-values, -self.quantiles[::-1], self._levels)
+        most = 1.0 - np.interp(values, self.quantiles, self._levels)
+        share: Float64[np.ndarray, "*batch"] = (least + most) / 2.0
         return share
 
     def unlikely(self, values: Float64[np.ndarray, "*batch"]) -> Float64[np.ndarray, "*batch"]:
@@ -115,7 +121,7 @@ class Reference:
         is beyond all validation points still has an order.
         """
         start = self._tail
-        inner = -np.log(np.maximum(self.share_above(values), TAIL))
+        inner = -np.log(np.clip(self.share_above(values), TAIL, 1.0)) + 0.0
         # Values that are all the same have no tail; what is beyond them is as unlikely as can be told.
         step = np.maximum(values - start, 0.0) / max(self.excess, 1e-9 * max(abs(start), 1e-9))
         found: Float64[np.ndarray, "*batch"] = np.where(values > start, -np.log(TAIL) + step, inner)
@@ -155,7 +161,10 @@ class Gauge:
         logarithms, distances = self._looked_up(torch.from_numpy(given))
         size = np.exp(own["of_errors"] * logarithms + own["of_difference"] * np.log(apart + own["floor"]))
         farther = np.maximum((distances / own["limits"]).max(axis=0), np.float32(1.0))
-        error = size * own["constant"] * farther[:, None]
+        # Inputs whose squares float32 cannot hold are as far off as those that are no numbers.
+        with np.errstate(over="ignore", invalid="ignore"):
+            error = size * own["constant"] * farther[:, None]
+        finite &= np.isfinite(distances).all(axis=0) & np.isfinite(error).all(axis=1)
         spread = np.sqrt(np.square(apart, dtype=np.float64).mean(axis=1) + 1e-24)
         signals = np.log(np.concatenate([spread[None], distances + 1e-12]))
         if not finite.all():
@@ -294,6 +303,26 @@ class Trust:
         # Where nothing can be off, a scale of 0 times infinity would be no number.
         return scale.clamp(min=torch.finfo(torch.float32).tiny) * torch.from_numpy(by_step).to(torch.float32)
 
+    def ends(
+        self,
+        states: Float[Tensor, "sample step observation"],
+        scale: Float[Tensor, "sample step observation"],
+        coverage: float,
+    ) -> tuple[Float[Tensor, "sample step observation"], Float[Tensor, "sample step observation"]]:
+        """Return the ends of the intervals around predicted states; infinite where these are not finite.
+
+        Args:
+            states: in the steps of a rollout.
+            scale: as in `half`.
+            coverage: as in `half`.
+
+        Raises:
+            ModelError: there is no such coverage.
+        """
+        half = self.half(scale, coverage)
+        known = states.isfinite()
+        return (states - half).where(known, -torch.inf), (states + half).where(known, torch.inf)
+
     def surprises(
         self, error: Float[Tensor, "sample observation"], expected: Float[Tensor, "sample observation"]
     ) -> Float64[np.ndarray, " sample"]:
@@ -301,6 +330,9 @@ class Trust:
         return self.surprise.unlikely(beyond_expectation(error, expected))
 
     def _level(self, coverage: float) -> float:
+        if not isinstance(coverage, Real):
+            message = f"coverage is a share between 0 and 1, for instance 0.9, but is {coverage!r}"
+            raise ModelError(message)
         if not 0.0 < coverage < 1.0:
             message = f"coverage is a share between 0 and 1, for instance 0.9, but is {coverage:g}"
             raise ModelError(message)

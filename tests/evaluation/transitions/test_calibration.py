@@ -8,6 +8,7 @@ from addressed_dynamics.evaluation.transitions.calibration import calibrate, cov
 from addressed_dynamics.evaluation.transitions.points import Points
 from addressed_dynamics.features.transitions.spec import fit_features
 from addressed_dynamics.simulators.addressed import AddressedDynamics
+from addressed_dynamics.simulators.trust import Reference
 from addressed_dynamics.sources.transitions.params import FeatureParams
 
 
@@ -108,6 +109,39 @@ def test_surprise_is_one_on_average_and_grows_with_changed_mechanics():
     assert nothing == np.inf
 
 
+@pytest.mark.parametrize("size", [1e19, 1e38, 3e38])
+def test_states_whose_squares_no_float_holds_are_not_trusted_and_have_endless_intervals(size):
+    model, _, _ = trusted_model()
+    push = np.zeros((2, 1), np.float32)
+    for state in ([size, size], [size, -size]):
+        states = np.array([state, [0.0, 0.0]], np.float32)
+        trust, (low, high) = model.trust(states, push), model.interval(states, push)
+        assert trust[0] == 0.0 < trust[1]
+        assert (low[0] == -np.inf).all()
+        assert (high[0] == np.inf).all()
+        assert np.isfinite([low[1], high[1]]).all()
+        found = model.rollout(states, np.zeros((2, 3, 1)), with_trust=True)
+        assert (found.low[0] == -np.inf).all()
+        assert found.trust[0].tolist() == [0.0, 0.0, 0.0]
+    assert model.trust([[0.0, 0.0]], [[size]]) == 0.0
+
+
+def test_no_states_have_no_trust():
+    model, _, _ = trusted_model()
+    assert model.trust(np.empty((0, 2)), np.empty((0, 1))).shape == (0,)
+    # Frames that overlap in memory, as windows of a sequence do.
+    longer, _, _ = trusted_model(3)
+    frames = torch.zeros(3, 4, 2).permute(1, 0, 2)
+    assert longer.trust(frames, torch.zeros(4, 3, 1)).shape == (4,)
+
+
+@pytest.mark.parametrize("coverage", ["0.9", None, [0.9], np.array([0.5, 0.9])])
+def test_a_coverage_that_is_no_number(coverage):
+    model, _, _ = trusted_model()
+    with pytest.raises(ModelError, match="a share between 0 and 1, for instance"):
+        model.interval(np.zeros((1, 2)), np.zeros((1, 1)), coverage)
+
+
 @pytest.mark.parametrize(("coverage", "what"), [(0.0, "between 0 and 1"), (1.0, "between 0 and 1"), (0.999, "0.01 to")])
 def test_no_such_coverage(coverage, what):
     model, _, _ = trusted_model()
@@ -185,3 +219,14 @@ def test_an_input_that_never_changes_is_no_noise_and_its_first_change_is_not_tru
     state = train.observation[:20]
     assert trusted.trust(state, np.full((20, 1), 0.3)).mean() > 0.2
     assert trusted.trust(state, np.full((20, 1), 1.0)).max() < 0.01
+
+
+@pytest.mark.parametrize("number", [1, 2, 4])
+def test_points_that_are_all_alike_are_neither_beyond_all_nor_surprising(number):
+    values = np.random.default_rng(0).integers(0, number, 4000).astype(np.float64)
+    reference = Reference.of(values)
+    assert reference.share_above(values).mean() == pytest.approx(0.5, abs=1e-3)
+    assert reference.share_above(values).min() > 0.0
+    assert 0.5 < reference.unlikely(values).mean() <= 1.0
+    assert reference.share_above(np.array([number, -1.0])).tolist() == [0.0, 1.0]
+    assert reference.unlikely(np.array([number, -1.0])).tolist()[0] > 1e6

@@ -94,6 +94,21 @@ def test_trust_is_judged_on_test_episodes_and_under_shifts():
     assert np.nanmax(arrays["trust_map"]) <= 1.0
 
 
+@pytest.mark.parametrize(("kind", "length", "shifted"), [("mechanics", WINDOW - 1, 40), ("mechanics", 40, 6)])
+def test_episodes_that_are_too_short_for_windows_judge_no_changed_mechanics(kind, length, shifted):
+    model, partner, trust = trusted_model()
+    pair = Pair(model, Origin("total_parameters", 0), partner, Origin("total_parameters", 1))
+    points = {
+        name: Points.of(drifting(10, seed, length=length), model.features)
+        for name, seed in (("validation", 1), ("test", 5))
+    }
+    shift = ShiftParams.model_construct(name="other", kind=kind)
+    record, _ = judge_trust(pair, trust, points, {"other": drifting(3, 7, length=shifted)}, [shift], {})
+    found = TrustRecord.model_validate(record).shifts["other"]
+    assert found.positive_share is None
+    assert set(found.auroc.values()) == {None}
+
+
 def test_windows_are_within_episodes_one_after_the_other():
     points = Points.of(drifting(3, 0, length=2 * WINDOW + 5), trusted_model()[0].features)
     length = 2 * WINDOW + 5

@@ -237,15 +237,22 @@ def _covered(
 def _shift(
     pair: Pair, trust: Trust, kind: str, points: Points, looked: Mapping[Split, _Looked], bad: float
 ) -> dict[str, Any]:
-    """Return how well scores tell bad predictions from good ones, among those under a shift and those of the test."""
+    """Return how well scores tell bad predictions from good ones, among those under a shift and those of the test.
+
+    What nothing can be counted over, as episodes are too short for it, is None.
+    """
     shifted, test = _look(pair, trust, points), looked["test"]
     if kind != "mechanics":
-        positive = [each.error > bad for each in (shifted, test)]
+        limit = bad
+        positive = [each.error > limit for each in (shifted, test)]
         scores = [dict(each.scores) | {"surprise": each.surprise} for each in (shifted, test)]
     else:
-        limit = float(np.quantile(_window_errors(pair, looked["validation"].points), BAD))
+        held_out = _window_errors(pair, looked["validation"].points)
+        limit = float(np.quantile(held_out, BAD)) if len(held_out) else np.inf
         positive = [_window_errors(pair, each.points) > limit for each in (shifted, test)]
         scores = [_over_windows(each) for each in (shifted, test)]
+    if not len(positive[0]) or np.isinf(limit):
+        return {"kind": kind, "auroc": dict.fromkeys(scores[0]), "positive_share": None}
     both: Bool[np.ndarray, " point"] = np.concatenate(positive)
     return {
         "kind": kind,
