@@ -39,6 +39,8 @@ SIGNALS = ("spread", "distance", "unlikeness")
 """What trust is made of: how far two models differ, the distance to the nearest centre, and Mahalanobis' distance."""
 TAIL = 0.05
 """Beyond the values that this share of the validation points exceed, p-values fall exponentially."""
+ROUNDING = 1e-6
+"""Share of its squared length by which a squared distance may be off."""
 BLOCK_ROWS = 4096
 """Inputs that are compared with all centres at once."""
 
@@ -188,8 +190,10 @@ class Gauge:
                 hidden = torch.addmm(bias, hidden, weight).tanh()
             weight, bias = self._later[-1]
             logarithms.append(torch.addmm(bias, hidden, weight).numpy())
-            squares = first[:, width + inputs :].amin(dim=1) + rows.square().sum(dim=1)
-            nearest.append(squares.clamp(min=0.0).div(inputs).sqrt().numpy())
+            length = rows.square().sum(dim=1)
+            squares = first[:, width + inputs :].amin(dim=1) + length
+            # What is nearer is rounding, which is another one in a batch of another size.
+            nearest.append(torch.maximum(squares, ROUNDING * (length + inputs)).div(inputs).sqrt().numpy())
             unlike.append(first[:, width : width + inputs].square().mean(dim=1).sqrt().numpy())
         return np.concatenate(logarithms), np.stack([np.concatenate(nearest), np.concatenate(unlike)])
 
