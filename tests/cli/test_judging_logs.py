@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -37,6 +38,22 @@ def test_the_command_shows_the_most_surprising_episodes_first(models: Path, tmp_
     assert "trust is 0.5 and surprise 1 on average" in " ".join(shown.output.split())
     document = json.loads(CliRunner().invoke(app, [*arguments, "--json"]).output)
     assert [each["episode"] for each in document["episodes"]] == [0, 1, 2]
+
+
+def test_logs_in_other_units_or_at_another_rate_are_refused(models: Path, tmp_path: Path) -> None:
+    same = drifting(3, 21)
+    first, *others = same.spec.observation
+    changes = {
+        "in m, but in mm in these logs": replace(same.spec, observation=(replace(first, unit="mm"), *others)),
+        r"step takes 0\.1 s, but 0\.2 s in these logs": replace(same.spec, step_seconds=0.2),
+    }
+    for number, (what, spec) in enumerate(changes.items()):
+        write_log(tmp_path / f"{number}.mcap", replace(same, spec=spec))
+        with pytest.raises(AddressedDynamicsError, match=what):
+            judge_logs(models, tmp_path / f"{number}.mcap", "total_parameters")
+    bare = replace(same.spec, observation=(replace(first, unit=""), *others))
+    write_log(tmp_path / "bare.mcap", replace(same, spec=bare))
+    assert len(judge_logs(models, tmp_path / "bare.mcap", "total_parameters")) == 3
 
 
 def test_logs_of_another_world_are_refused(models: Path, tmp_path: Path) -> None:

@@ -3,6 +3,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from learning import ENSEMBLE
 
+from addressed_dynamics.base.errors import TrainingError
 from addressed_dynamics.base.params.training import EnsembleSection
 from addressed_dynamics.training.choosing import ABOUT_AS_GOOD, best_number, brief
 
@@ -11,6 +12,12 @@ def test_a_smaller_number_is_chosen_if_it_is_about_as_good() -> None:
     assert best_number({1: 1.019, 2: 1.0, 4: 1.5}) == 1
     assert best_number({1: 1.021, 2: 1.01, 4: 1.0}) == 2
     assert best_number({1: 3.0, 2: 2.0, 4: 1.5, 8: 1.0}) == 8
+
+
+def test_a_training_that_went_off_is_not_chosen() -> None:
+    assert best_number({1: float("nan"), 2: 1.0, 4: float("inf")}) == 2
+    with pytest.raises(TrainingError, match="1, 2 subnetworks has a finite loss"):
+        best_number({1: float("nan"), 2: float("inf")})
 
 
 @given(st.dictionaries(st.integers(1, 16), st.floats(1e-9, 1e3), min_size=1))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from rich.text import Text
 
 from addressed_dynamics.base.errors import TransitionsError
 from addressed_dynamics.cli.terminal import column_table, safe_text
+from addressed_dynamics.episodes.transitions import SpaceSpec
 from addressed_dynamics.evaluation.transitions.points import Points
 from addressed_dynamics.simulators.addressed import AddressedDynamics
 from addressed_dynamics.sources.transitions.reading import read_transitions
@@ -66,6 +68,9 @@ def judge_logs(models: Path, logs: Path, candidate: str | None) -> list[EpisodeT
         if wanted != found:
             message = f"{logs}: the model's {what} are {wanted}, but those of these logs are {found}"
             raise TransitionsError(message)
+    if found := _other_units(ours, theirs):
+        message = f"{logs}: the model's {found} in these logs"
+        raise TransitionsError(message)
     points = Points.of(transitions, model.features)
     if not len(points):
         message = f"{logs}: no episode has the {model.features.history} steps that the model is given"
@@ -87,6 +92,16 @@ def judge_logs(models: Path, logs: Path, candidate: str | None) -> list[EpisodeT
             found_episodes, steps, trusts / steps, unknown / steps, surprises / steps, strict=True
         )
     ]
+
+
+def _other_units(ours: SpaceSpec, theirs: SpaceSpec) -> str | None:
+    """Say in what states of the same names, or steps, are measured otherwise; None if in nothing that is known."""
+    for own, other in zip(ours.observation, theirs.observation, strict=True):
+        if own.unit and other.unit and own.unit != other.unit:
+            return f"state '{own.name}' is in {own.unit}, but in {other.unit}"
+    if not math.isclose(ours.step_seconds, theirs.step_seconds, rel_tol=1e-3):
+        return f"step takes {ours.step_seconds:g} s, but {theirs.step_seconds:g} s"
+    return None
 
 
 def trust_view(logs: Path, found: list[EpisodeTrust]) -> RenderableType:

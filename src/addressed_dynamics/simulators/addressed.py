@@ -439,7 +439,7 @@ class AddressedDynamics:
             message = f"trust was calibrated in the model's own mode, '{self.mode}', not in '{mode}'; load it in that"
             raise ModelError(message)
         if isinstance(self._trust, TrustFile):
-            self._trust = find_trust(self._trust, self.features)
+            self._trust = find_trust(self._trust, self)
         if self._trust is None:
             message = (
                 "nobody calibrated how far this model is to be trusted; evaluation does that for the models that are "

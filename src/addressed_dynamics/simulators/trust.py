@@ -10,6 +10,7 @@ scale: Lei et al. 2018). Trust is Fisher's combination of the other signals' p-v
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -38,6 +39,8 @@ SIGNALS = ("spread", "distance", "unlikeness")
 """What trust is made of: how far two models differ, the distance to the nearest centre, and Mahalanobis' distance."""
 TAIL = 0.05
 """Beyond the values that this share of the validation points exceed, p-values fall exponentially."""
+ROUNDING = 1e-6
+"""Share of its squared length by which a squared distance may be off."""
 BLOCK_ROWS = 4096
 """Inputs that are compared with all centres at once."""
 
@@ -187,8 +190,10 @@ class Gauge:
                 hidden = torch.addmm(bias, hidden, weight).tanh()
             weight, bias = self._later[-1]
             logarithms.append(torch.addmm(bias, hidden, weight).numpy())
-            squares = first[:, width + inputs :].amin(dim=1) + rows.square().sum(dim=1)
-            nearest.append(squares.clamp(min=0.0).div(inputs).sqrt().numpy())
+            length = rows.square().sum(dim=1)
+            squares = first[:, width + inputs :].amin(dim=1) + length
+            # What is nearer is rounding, which is another one in a batch of another size.
+            nearest.append(torch.maximum(squares, ROUNDING * (length + inputs)).div(inputs).sqrt().numpy())
             unlike.append(first[:, width : width + inputs].square().mean(dim=1).sqrt().numpy())
         return np.concatenate(logarithms), np.stack([np.concatenate(nearest), np.concatenate(unlike)])
 
@@ -249,6 +254,8 @@ class Trust:
     """Half of an interval in multiples of the expected size, or of its sum over a rollout."""
     episodes: int
     """Validation episodes that it was calibrated on."""
+    networks: tuple[str, str] | None = None
+    """What `fingerprint` says of the model and of the second one; None if nobody noted that down."""
 
     def scales(
         self, model: AddressedDynamics, observation: Tensor, action: Tensor, exogenous: Tensor | None,
@@ -385,6 +392,15 @@ def difference(
     return predicted - partner.step(observation, action, exogenous, x=inputs)
 
 
+def fingerprint(model: AddressedDynamics) -> str:
+    """Return what tells a model's networks from others: a hash of their parameters."""
+    digest = hashlib.sha256()
+    for network in (model.ensemble, model.addressing):
+        for parameter in network.parameters() if network else ():
+            digest.update(parameter.detach().contiguous().numpy().tobytes())
+    return digest.hexdigest()
+
+
 def save_trust(folder: Path, trust: Trust, partner: dict[str, Any]) -> None:
     """Write a model's trust into a folder of its own, which appears whole or not at all.
 
@@ -409,6 +425,7 @@ def save_trust(folder: Path, trust: Trust, partner: dict[str, Any]) -> None:
             "coverages": list(trust.coverages),
             "episodes": trust.episodes,
             "excess": {name: each.excess for name, each in references.items()},
+            **({"networks": list(trust.networks)} if trust.networks else {}),
         }
         write_json(temporary / "trust.json", config)
 
@@ -450,8 +467,9 @@ def load_trust(folder: Path, partner: AddressedDynamics) -> Trust:
             tuple(float(share) for share in config["coverages"]),
             tensors["multiples"].numpy(),
             int(config["episodes"]),
+            None if config.get("networks") is None else (str(config["networks"][0]), str(config["networks"][1])),
         )
-    except (KeyError, TypeError, ValueError, OSError, SafetensorError) as error:
+    except (KeyError, IndexError, TypeError, ValueError, OSError, SafetensorError) as error:
         raise _malformed(folder, str(error)) from error
 
 

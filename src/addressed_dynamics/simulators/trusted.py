@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from addressed_dynamics.base.errors import ModelError
-from addressed_dynamics.features.transitions.spec import FeatureSpec
 from addressed_dynamics.networks.files import read_index
 from addressed_dynamics.simulators.calibrated import FOLDER, INDEX
 from addressed_dynamics.simulators.delivery import Origin
 from addressed_dynamics.simulators.modes import Mode
-from addressed_dynamics.simulators.trust import Trust, load_trust, partner_of
+from addressed_dynamics.simulators.trust import Trust, fingerprint, load_trust, partner_of
+
+if TYPE_CHECKING:
+    from addressed_dynamics.simulators.addressed import AddressedDynamics
 
 
 @dataclass(frozen=True)
@@ -26,12 +29,12 @@ class TrustFile:
     """How it was loaded."""
 
 
-def find_trust(place: TrustFile, features: FeatureSpec) -> Trust:
+def find_trust(place: TrustFile, model: AddressedDynamics) -> Trust:
     """Return the trust in a model.
 
     Args:
         place: where to look.
-        features: the model's.
+        model: that one.
 
     Raises:
         ModelError: there is none for it, or a file is missing or damaged.
@@ -50,8 +53,16 @@ def find_trust(place: TrustFile, features: FeatureSpec) -> Trust:
         asked = f"{place.origin}, mode {place.mode}" if place.origin else "this model"
         message = f"{folder}: no trust was calibrated for {asked}: {why}"
         raise ModelError(message)
-    trust = load_trust(folder / name, AddressedDynamics.load(place.models, **partner_of(folder / name)))
-    if trust.gauge.features != features:
+    second = partner_of(folder / name)
+    try:
+        partner = AddressedDynamics.load(place.models, **second)
+    except TypeError as error:
+        message = f"{folder / name}: incomplete or malformed ({error}); 'dvc repro' brings it back"
+        raise ModelError(message) from error
+    trust = load_trust(folder / name, partner)
+    # Models that were trained anew are others, even if they see the same data in the same way.
+    others = trust.networks is not None and trust.networks != (fingerprint(model), fingerprint(partner))
+    if trust.gauge.features != model.features or others:
         message = f"{folder / name}: it was calibrated for another model; 'dvc repro' evaluates this one"
         raise ModelError(message)
     return trust

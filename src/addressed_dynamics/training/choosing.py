@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+from addressed_dynamics.base.errors import TrainingError
 from addressed_dynamics.base.params.training import AddressingTraining, EnsembleParams, EnsembleSection
 
 NUMBERS = (1, 2, 4, 8)
@@ -30,7 +31,16 @@ def best_number(losses: Mapping[int, float]) -> int:
     """Return the smallest number of subnetworks whose loss is about as good as the lowest.
 
     Args:
-        losses: by the number of subnetworks, the mean loss on validation samples of the one that is addressed.
+        losses: by the number of subnetworks, the mean loss on validation samples of the one that is addressed. What is
+            no number is no good.
+
+    Raises:
+        TrainingError: no loss is finite.
     """
-    lowest = min(losses.values())
-    return min(number for number, loss in losses.items() if loss <= ABOUT_AS_GOOD * lowest)
+    known = {number: loss for number, loss in losses.items() if math.isfinite(loss)}
+    if not known:
+        tried = ", ".join(map(str, losses))
+        message = f"no brief training with {tried} subnetworks has a finite loss: lower the learning rate"
+        raise TrainingError(message)
+    lowest = min(known.values())
+    return min(number for number, loss in known.items() if loss <= ABOUT_AS_GOOD * lowest)

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 import torch
+from learning import drive, untrained_model
 from trusted_models import NOISE, drifting, linear_model, trusted_model
 
 from addressed_dynamics.base.errors import EvaluationError, ModelError
@@ -230,3 +231,14 @@ def test_points_that_are_all_alike_are_neither_beyond_all_nor_surprising(number)
     assert 0.5 < reference.unlikely(values).mean() <= 1.0
     assert reference.share_above(np.array([number, -1.0])).tolist() == [0.0, 1.0]
     assert reference.unlikely(np.array([number, -1.0])).tolist()[0] > 1e6
+
+
+def test_trust_in_states_of_the_training_does_not_hang_on_what_else_is_asked():
+    train, validation = drive((30, 20)), drive((30, 20), seed=1)
+    model, partner = untrained_model(train), untrained_model(train, seed=1)
+    points = Points.of(train, model.features)
+    trust = calibrate(model, partner, points, Points.of(validation, model.features), steps=5)
+    trusted = AddressedDynamics(model.features, model.ensemble, model.addressing, trust=trust)
+    together = trusted.trust(train.observation, train.action)
+    alone = [trusted.trust(*given) for given in zip(train.observation, train.action, strict=True)]
+    assert np.allclose(together, alone, atol=1e-5)

@@ -1,10 +1,11 @@
 """Whose trust is calibrated, where it is written, and what it is found to be worth on other episodes."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from trusted_models import drifting, trusted_model, write_models
+from trusted_models import drifting, linear_model, trusted_model, write_models
 
 from addressed_dynamics.base.errors import ModelError
 from addressed_dynamics.evaluation.transitions.candidates import Candidate, predictor_of
@@ -20,6 +21,7 @@ from addressed_dynamics.evaluation.transitions.trusting import (
     window_starts,
 )
 from addressed_dynamics.evaluation.transitions.truth import TrueRollouts
+from addressed_dynamics.networks.files import SavedNetwork, save_network
 from addressed_dynamics.simulators.addressed import AddressedDynamics
 from addressed_dynamics.simulators.calibrated import write_trust
 from addressed_dynamics.simulators.delivery import Choice, Origin
@@ -136,7 +138,7 @@ def test_trust_is_read_as_it_was_write_models(tmp_path):
 
 
 def test_errors_say_for_which_models_there_is_trust(tmp_path):
-    folder, features = write_models(tmp_path), trusted_model()[0].features
+    folder, model = write_models(tmp_path), trusted_model()[0]
     other = AddressedDynamics.load(folder, candidate="total_parameters", seed=1)
     with pytest.raises(ModelError, match=r"total_parameters, seed 1, mode argmax: there is one for candidate"):
         other.trust(np.zeros(2), np.zeros(1))
@@ -144,7 +146,24 @@ def test_errors_say_for_which_models_there_is_trust(tmp_path):
     with pytest.raises(ModelError, match="needs at least 2 validation episodes"):
         AddressedDynamics.load(folder, candidate="total_parameters").trust(np.zeros(2), np.zeros(1))
     with pytest.raises(ModelError, match=r"trust: missing, so nobody knows.*dvc repro evaluate@nowhere"):
-        find_trust(TrustFile(tmp_path / "nowhere", Origin("ensemble", 0), "argmax"), features)
+        find_trust(TrustFile(tmp_path / "nowhere", Origin("ensemble", 0), "argmax"), model)
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_trust_in_models_that_were_trained_anew_since_is_refused(tmp_path, number):
+    folder, model = write_models(tmp_path), trusted_model()[0]
+    other = SavedNetwork(linear_model(model.features, drifting(10, 9)).ensemble, model.features, {})
+    save_network(folder / "baselines" / "total_parameters" / f"seed-{number}" / "network", other)
+    with pytest.raises(ModelError, match="calibrated for another model"):
+        AddressedDynamics.load(folder, candidate="total_parameters").trust(np.zeros(2), np.zeros(1))
+
+
+def test_trust_that_names_no_model_to_compare_with_is_one_line(tmp_path):
+    folder = write_models(tmp_path)
+    (place,) = (folder / "trust").glob("*/trust.json")
+    place.write_text(json.dumps(json.loads(place.read_text()) | {"partner": {"which": 1}}))
+    with pytest.raises(ModelError, match=r"incomplete or malformed .*'which'"):
+        AddressedDynamics.load(folder, candidate="total_parameters").trust(np.zeros(2), np.zeros(1))
 
 
 @pytest.mark.parametrize("name", ["trust.json", "trust.safetensors"])

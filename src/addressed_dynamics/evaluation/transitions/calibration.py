@@ -27,6 +27,7 @@ from addressed_dynamics.simulators.trust import (
     Trust,
     beyond_expectation,
     difference,
+    fingerprint,
     together,
 )
 from addressed_dynamics.training.ensemble import train_ensemble
@@ -111,7 +112,7 @@ def calibrate(
         reached.append(step)
     return Trust(
         gauge, partner, signals, combined, surprise, tuple(reached), COVERAGES,
-        np.stack(multiples).astype(np.float32), episodes,
+        np.stack(multiples).astype(np.float32), episodes, (fingerprint(model), fingerprint(partner)),
     )  # fmt: skip
 
 

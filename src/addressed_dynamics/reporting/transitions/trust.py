@@ -11,6 +11,7 @@ from addressed_dynamics.evaluation.transitions.trust_records import (
     ShiftRecord,
     TrustRecord,
 )
+from addressed_dynamics.evaluation.transitions.trusting import WINDOW
 from addressed_dynamics.features.transitions.spec import FeatureSpec
 from addressed_dynamics.reporting.common.blocks import Block, Column, Row, Table, Text
 from addressed_dynamics.reporting.common.numbers import MISSING, listed, percent, significant
@@ -112,9 +113,10 @@ def shifts_table(shifts: Mapping[str, ShiftRecord]) -> Table:
     )
     caption = (
         "Data that are not like those of the training. Bad: the share of the predictions there whose error is above "
-        "the 99th percentile on validation episodes. AUROC: how often a bad prediction gets a worse score than a good "
-        "one: 1 is always, 0.5 is a coin. Trust is known before a step, surprise only after it; each of the others is "
-        "one signal alone."
+        "the 99th percentile on validation episodes: of a step, or, where the mechanics are changed, of a rollout of "
+        f"{WINDOW} steps, with the mean of a score over them. AUROC: how often a bad prediction, there or on test "
+        "episodes, gets a worse score than a good one: 1 is always, 0.5 is a coin. Trust is known before a step, "
+        "surprise only after it; each of the others is one signal alone."
     )
     if absent:
         caption += f" Not measured: {listed(absent)}."
