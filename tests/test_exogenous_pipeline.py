@@ -133,7 +133,10 @@ def test_the_model_is_an_environment_in_which_the_wind_of_a_training_voyage_blow
 def test_the_evaluation_replays_the_recorded_wind(finished: Path) -> None:
     folder = finished / "data" / "evaluation" / "boat"
     assert json.loads((folder / "evaluation.json").read_text())["rollouts"]["exogenous"] == ["wind"]
-    arrays, model = np.load(folder / "arrays.npz"), AddressedDynamics.load(finished / "data" / "models" / "boat")
+    arrays, model = (
+        np.load(folder / "arrays.npz"),
+        AddressedDynamics.load(finished / "data" / "models" / "boat", candidate="ensemble"),
+    )
     # One rollout, found again in the recording by its actions.
     true, actions = arrays["rollout_true"][0], arrays["rollout_actions"][0]
     start = next(row for row in range(len(WORLD)) if (WORLD.action[row : row + 10] == actions).all())
