@@ -87,7 +87,7 @@ def test_trust_is_judged_on_test_episodes_and_under_shifts():
     assert read.shifts["strong"].auroc["trust"] < read.shifts["strong"].auroc["surprise"]
     assert read.shifts["strong"].positive_share > 0.5
     assert "margin" not in read.shifts["far"].auroc
-    assert read.break_even_steps == 2
+    assert read.break_even_steps == read.compared_steps == 2
     assert 0 <= read.trusted_steps <= read.rollout_steps == 30
     assert read.risk[-1].coverage == 1.0
     assert len(read.places) == 5
