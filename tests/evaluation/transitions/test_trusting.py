@@ -142,6 +142,9 @@ def test_errors_say_for_which_models_there_is_trust(tmp_path):
     other = AddressedDynamics.load(folder, candidate="total_parameters", seed=1)
     with pytest.raises(ModelError, match=r"total_parameters, seed 1, mode argmax: there is one for candidate"):
         other.trust(np.zeros(2), np.zeros(1))
+    own = AddressedDynamics.load(folder / "baselines" / "total_parameters" / "seed-0")
+    with pytest.raises(ModelError, match=r"seed-0: the trust in a model is not beside it .* load the model from there"):
+        own.trust(np.zeros(2), np.zeros(1))
     write_trust(folder, [], "calibration needs at least 2 validation episodes")
     with pytest.raises(ModelError, match="needs at least 2 validation episodes"):
         AddressedDynamics.load(folder, candidate="total_parameters").trust(np.zeros(2), np.zeros(1))
