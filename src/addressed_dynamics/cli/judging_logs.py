@@ -68,8 +68,8 @@ def judge_logs(models: Path, logs: Path, candidate: str | None) -> list[EpisodeT
         if wanted != found:
             message = f"{logs}: the model's {what} are {wanted}, but those of these logs are {found}"
             raise TransitionsError(message)
-    if other := _other_units(ours, theirs):
-        message = f"{logs}: the model's {other} in these logs"
+    if otherwise := _other_units(ours, theirs):
+        message = f"{logs}: the model's {otherwise} in these logs"
         raise TransitionsError(message)
     points = Points.of(transitions, model.features)
     if not len(points):

@@ -42,6 +42,12 @@ def find_trust(place: TrustFile, model: AddressedDynamics) -> Trust:
     from addressed_dynamics.simulators.addressed import AddressedDynamics
 
     folder = place.models / FOLDER
+    if place.origin is None:
+        message = (
+            f"{place.models}: the trust in a model is not beside it but in the folder of the experiment's models; load "
+            "the model from there, with its 'candidate' and 'seed'"
+        )
+        raise ModelError(message)
     if not folder.is_dir():
         message = (
             f"{folder}: missing, so nobody knows how far these models are to be trusted; evaluation calibrates that: "
@@ -50,7 +56,7 @@ def find_trust(place: TrustFile, model: AddressedDynamics) -> Trust:
         raise ModelError(message)
     name, why = _found(place)
     if name is None:
-        asked = f"{place.origin}, mode {place.mode}" if place.origin else "this model"
+        asked = f"{place.origin}, mode {place.mode}"
         message = f"{folder}: no trust was calibrated for {asked}: {why}"
         raise ModelError(message)
     second = partner_of(folder / name)
@@ -83,8 +89,8 @@ def _found(place: TrustFile) -> tuple[str | None, str]:
     index = read_index(folder, INDEX)
     try:
         entries, missing = [dict(each) for each in index["models"]], index["missing"]
-        wanted = None if place.origin is None else {**asdict(place.origin), "mode": place.mode}
-        found = [str(each["folder"]) for each in entries if wanted and wanted.items() <= each.items()]
+        wanted = {**asdict(place.origin), "mode": place.mode}
+        found = [str(each["folder"]) for each in entries if wanted.items() <= each.items()]
         shown = [f"{Origin(each['candidate'], each['seed'], each['variant'])}, mode {each['mode']}" for each in entries]
     except (KeyError, TypeError, ValueError) as error:
         message = f"{folder / INDEX}: incomplete or malformed ({error}); 'dvc repro' writes it anew"

@@ -87,7 +87,7 @@ def test_trust_is_judged_on_test_episodes_and_under_shifts():
     assert read.shifts["strong"].auroc["trust"] < read.shifts["strong"].auroc["surprise"]
     assert read.shifts["strong"].positive_share > 0.5
     assert "margin" not in read.shifts["far"].auroc
-    assert read.break_even_steps == 2
+    assert read.break_even_steps == read.compared_steps == 2
     assert 0 <= read.trusted_steps <= read.rollout_steps == 30
     assert read.risk[-1].coverage == 1.0
     assert len(read.places) == 5
@@ -142,6 +142,9 @@ def test_errors_say_for_which_models_there_is_trust(tmp_path):
     other = AddressedDynamics.load(folder, candidate="total_parameters", seed=1)
     with pytest.raises(ModelError, match=r"total_parameters, seed 1, mode argmax: there is one for candidate"):
         other.trust(np.zeros(2), np.zeros(1))
+    own = AddressedDynamics.load(folder / "baselines" / "total_parameters" / "seed-0")
+    with pytest.raises(ModelError, match=r"seed-0: the trust in a model is not beside it .* load the model from there"):
+        own.trust(np.zeros(2), np.zeros(1))
     write_trust(folder, [], "calibration needs at least 2 validation episodes")
     with pytest.raises(ModelError, match="needs at least 2 validation episodes"):
         AddressedDynamics.load(folder, candidate="total_parameters").trust(np.zeros(2), np.zeros(1))

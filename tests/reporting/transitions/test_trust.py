@@ -155,6 +155,10 @@ def test_without_anything_all_is_named_and_without_a_record_there_is_no_section(
             "The model is never worse than to say that nothing changes in rollouts of 1,000 steps, 500 s.",
         ),
         (
+            {"break_even_steps": None, "compared_steps": 600},
+            "The model is never worse than to say that nothing changes in rollouts of 600 steps, 300 s.",
+        ),
+        (
             {"break_even_steps": None, "rollout_steps": ...},
             "The model is never worse than to say that nothing changes.",
         ),

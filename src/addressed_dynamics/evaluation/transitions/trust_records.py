@@ -78,8 +78,10 @@ class TrustRecord(Record):
     """From the lowest coverage to 1."""
     break_even_steps: int | None = None
     """First step of a rollout at which the model is worse than persistence; null if it never is."""
+    compared_steps: int | None = None
+    """Steps in the rollouts in which it was looked for."""
     rollout_steps: int | None = None
-    """Steps in the rollouts that the two horizons are of."""
+    """Steps in the rollouts that the horizon of trust is of, which have calibrated intervals."""
     trusted_steps: int | None = None
     """For how many steps of a rollout the 90 % intervals stay within `trusted_share` of the range."""
     trusted_share: float | None = None

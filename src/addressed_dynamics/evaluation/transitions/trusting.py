@@ -160,6 +160,7 @@ def judge_trust(
     }
     if NOTHING in errors:
         record["break_even_steps"] = break_even_steps(errors["model"], errors[NOTHING])
+        record["compared_steps"] = len(errors["model"])
     plane = _plane(test.points)
     if plane is None:
         return record, {}

@@ -194,7 +194,8 @@ def _horizon_sentence(trust: TrustRecord, steps: int) -> str:
 def _break_even_sentence(trust: TrustRecord) -> str:
     steps = trust.break_even_steps
     if steps is None:
-        end = "" if trust.rollout_steps is None else f" in rollouts of {_time(trust, trust.rollout_steps)}"
+        compared = trust.rollout_steps if trust.compared_steps is None else trust.compared_steps
+        end = "" if compared is None else f" in rollouts of {_time(trust, compared)}"
         return f"The model is never worse than to say that nothing changes{end}."
     at = "" if trust.step_seconds is None else f" ({significant(steps * trust.step_seconds)} s)"
     return f"From step {steps:,} of a rollout on{at}, to say that nothing changes is the better guess."
