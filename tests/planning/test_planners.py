@@ -210,9 +210,10 @@ def test_trust_turns_a_plan_away_from_where_nothing_is_known() -> None:
 
 
 def test_without_calibration_a_warning_says_so_and_plans_are_believed() -> None:
-    with pytest.warns(UserWarning, match="believed to their end: nobody calibrated how far this model"):
+    with pytest.warns(UserWarning, match="believed to their end: nobody calibrated how far this") as caught:
         planner = CEM(walk([-1.0, 1.0]), to_target, horizon=3, samples=20, trust=0.1, penalty=5.0)
     assert not planner.trusts
+    assert [each.filename for each in caught] == [__file__]
     planner.command([0.0])
     assert planner.plan.believed == 3
     with warnings.catch_warnings():

@@ -241,6 +241,6 @@ def _checked_doubt(model: AddressedDynamics, trust: float | None, penalty: float
     try:
         model.trusted(model.mode)
     except ModelError as error:
-        warnings.warn(f"plans are believed to their end: {error}", stacklevel=3)
+        warnings.warn(f"plans are believed to their end: {error}", stacklevel=4)
         return None
     return Doubt(float(trust), float(penalty))
