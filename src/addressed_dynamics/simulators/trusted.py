@@ -54,7 +54,7 @@ def find_trust(place: TrustFile, model: AddressedDynamics) -> Trust:
             f"'dvc repro evaluate@{place.models.name}'"
         )
         raise ModelError(message)
-    name, why = _found(place)
+    name, why = _found(folder, place.origin, place.mode)
     if name is None:
         asked = f"{place.origin}, mode {place.mode}"
         message = f"{folder}: no trust was calibrated for {asked}: {why}"
@@ -80,16 +80,16 @@ def is_calibrated(place: TrustFile) -> bool:
     Raises:
         ModelError: the index of those that there are is damaged.
     """
-    return (place.models / FOLDER).is_dir() and _found(place)[0] is not None
-
-
-def _found(place: TrustFile) -> tuple[str | None, str]:
-    """Return the folder of the trust in a model, or None and why there is none."""
     folder = place.models / FOLDER
+    return place.origin is not None and folder.is_dir() and _found(folder, place.origin, place.mode)[0] is not None
+
+
+def _found(folder: Path, origin: Origin, mode: Mode) -> tuple[str | None, str]:
+    """Return the name of the folder with the trust in a model, or None and why there is none."""
     index = read_index(folder, INDEX)
     try:
         entries, missing = [dict(each) for each in index["models"]], index["missing"]
-        wanted = {**asdict(place.origin), "mode": place.mode}
+        wanted = {**asdict(origin), "mode": mode}
         found = [str(each["folder"]) for each in entries if wanted.items() <= each.items()]
         shown = [f"{Origin(each['candidate'], each['seed'], each['variant'])}, mode {each['mode']}" for each in entries]
     except (KeyError, TypeError, ValueError) as error:
