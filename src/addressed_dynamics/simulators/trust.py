@@ -37,6 +37,8 @@ if TYPE_CHECKING:
 FORMAT = 1
 SIGNALS = ("spread", "distance", "unlikeness")
 """What trust is made of: how far two models differ, the distance to the nearest centre, and Mahalanobis' distance."""
+GAUGE = ("mean", "deviation", "whitening", "centres", "error_mean", "floor", "weights", "limits")
+"""Names of `Gauge.tensors`."""
 TAIL = 0.05
 """Beyond the values that this share of the validation points exceed, p-values fall exponentially."""
 ROUNDING = 1e-6
@@ -452,7 +454,7 @@ def load_trust(folder: Path, partner: AddressedDynamics) -> Trust:
     errors = load_network(folder / "errors", FeatureSpec)
     try:
         tensors = safetensors.torch.load_file(folder / "trust.safetensors")
-        gauge = {name.removeprefix("gauge/"): each for name, each in tensors.items() if name.startswith("gauge/")}
+        gauge = {name: tensors[f"gauge/{name}"] for name in GAUGE}
         references = {
             name: Reference(tensors[f"quantiles/{name}"].numpy(), float(excess))
             for name, excess in config["excess"].items()

@@ -242,3 +242,13 @@ def test_trust_in_states_of_the_training_does_not_hang_on_what_else_is_asked():
     together = trusted.trust(train.observation[:5], train.action[:5])
     alone = [trusted.trust(*given) for given in zip(train.observation[:5], train.action[:5], strict=True)]
     assert np.allclose(together, alone, atol=1e-5)
+
+
+def test_few_points_calibrate_no_high_coverage():
+    model, partner, _ = trusted_model()
+    train, few = (Points.of(drifting(number, 3, length=4), model.features) for number in (30, 3))
+    trust = calibrate(model, partner, train, few, steps=4)
+    assert trust.coverages[-1] == 0.9
+    trusted = AddressedDynamics(model.features, model.ensemble, trust=trust)
+    with pytest.raises(ModelError, match="3 validation episodes calibrate coverages from 0.01 to 0.9, but 0.95"):
+        trusted.interval(np.zeros((1, 2)), np.zeros((1, 1)), 0.95)

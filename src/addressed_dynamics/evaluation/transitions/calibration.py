@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -106,12 +106,17 @@ def calibrate(
     signals = tuple(Reference.of(each) for each in found.signals)
     combined = Reference.of(together(signals, found.signals))
     surprise = Reference.of(beyond_expectation(error, found.error))
-    multiples, reached = [_multiples((error.abs() / found.error).numpy(), validation.episode[chosen.numpy()])], [1]
+    # Of so many points, the largest error is the quantile of no larger share.
+    coverages = tuple(share for share in COVERAGES if share <= len(chosen) / (len(chosen) + 1))
+    multiples, reached = (
+        [_multiples((error.abs() / found.error).numpy(), validation.episode[chosen.numpy()], coverages)],
+        [1],
+    )
     for step, ratios, of in _rollout_ratios(model, partner, gauge, validation, steps):
-        multiples.append(np.maximum(_multiples(ratios, of), 0.0))
+        multiples.append(np.maximum(_multiples(ratios, of, coverages), 0.0))
         reached.append(step)
     return Trust(
-        gauge, partner, signals, combined, surprise, tuple(reached), COVERAGES,
+        gauge, partner, signals, combined, surprise, tuple(reached), coverages,
         np.stack(multiples).astype(np.float32), episodes, (fingerprint(model), fingerprint(partner)),
     )  # fmt: skip
 
@@ -241,6 +246,7 @@ def _rollout_ratios(
 def _multiples(
     ratios: Float64[np.ndarray, "row observation"] | Float32[np.ndarray, "row observation"],
     episode: Int64[np.ndarray, " row"],
+    coverages: Sequence[float],
 ) -> Float64[np.ndarray, "coverage observation"]:
     """Return for each coverage the multiple of the expected sizes that covers as many errors of other episodes."""
     values = np.where(np.isfinite(ratios), ratios, np.nanmax(ratios, where=np.isfinite(ratios), initial=0.0))
@@ -259,7 +265,7 @@ def _multiples(
     for column in range(values.shape[1]):
         # As often as not exactly so many are covered; a level is the lowest that covers enough.
         rising = np.maximum.accumulate(covered[:, column])
-        level = np.interp(COVERAGES, rising, levels)
+        level = np.interp(coverages, rising, levels)
         found.append(np.quantile(values[:, column], level))
     return np.stack(found, axis=1)
 

@@ -208,7 +208,8 @@ def _coverage(
     rows = []
     error, scales = one_step(pair.model, pair.partner, trust.gauge, test, torch.arange(len(test)))
     zero = torch.zeros_like(error).numpy()
-    for asked in ASKED:
+    known = [asked for asked in ASKED if trust.coverages[0] <= asked <= trust.coverages[-1]]
+    for asked in known:
         half = trust.half(scales.error.unsqueeze(1), asked)[:, 0]
         rows.append(_covered(1, asked, zero, (error - half).numpy(), (error + half).numpy(), names))
     longest = min(trust.steps[-1], reachable(test, trust.steps[-1]))
@@ -219,10 +220,12 @@ def _coverage(
     truth = ways.states.numpy()
     for steps in [each for each in AHEAD[1:] if each <= longest]:
         there = ways.there[:, steps - 1]
-        for asked in ASKED:
+        for asked in known:
             half = trust.half(followed.scale, asked)
             low, high = ((followed.states + sign * half)[there, steps - 1].numpy() for sign in (-1, 1))
             rows.append(_covered(steps, asked, truth[there, steps - 1], low, high, names))
+    if ASKED[-1] not in known:
+        return rows, None, longest
     width = 2 * trust.half(followed.scale, ASKED[-1]).double().numpy()
     return rows, trusted_steps(width, scale, TRUSTED_SHARE), longest
 
