@@ -250,5 +250,5 @@ def test_few_points_calibrate_no_high_coverage():
     trust = calibrate(model, partner, train, few, steps=4)
     assert trust.coverages[-1] == 0.9
     trusted = AddressedDynamics(model.features, model.ensemble, trust=trust)
-    with pytest.raises(ModelError, match="3 validation episodes calibrate coverages from 0.01 to 0.9, but 0.95"):
+    with pytest.raises(ModelError, match=r"3 validation episodes calibrate coverages from 0\.01 to 0\.9, but 0\.95"):
         trusted.interval(np.zeros((1, 2)), np.zeros((1, 1)), 0.95)
