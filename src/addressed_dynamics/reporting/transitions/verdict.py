@@ -72,6 +72,9 @@ def _delivered(evaluation: Evaluation) -> str:
             f", where the addressed ensemble has {significant(own.one_step_percent, 2)} % and "
             f"{significant(own.horizon_seconds, 3)} s"
         )
+        if own.horizon_seconds == best.horizon_seconds:
+            whole = [f"{significant(each.rollout_percent, 2)} %" for each in (best, own)]
+            beside += f", and over whole rollouts {whole[1]} instead of {whole[0]}"
     none_better = "" if found.beats_references else ", for no trained model is worth more"
     if why == "asked":
         return (
