@@ -284,6 +284,6 @@ def _is_form(place: Any, parts: tuple[int | str, ...]) -> bool:
 
     A key may be called as a form is: after a form comes a key of the section, after a key something below it.
     """
-    if not isinstance(place, dict) or len(parts) < 2 or parts[0] not in [place.get(key) for key in CHOOSERS]:
+    if not isinstance(place, dict) or parts[0] not in [place.get(key) for key in CHOOSERS]:
         return False
-    return parts[0] not in place or parts[1] in place
+    return parts[0] not in place or any(part in place for part in parts[1:])

@@ -211,7 +211,7 @@ def noise_words(floor: NoiseFloor) -> str:
         f"The noise floor is what differs between steps that begin alike: {floor.transitions:,} of these transitions, "
         f"each beside its {floor.neighbours} nearest among {floor.among:,} training transitions, as their distance "
         "goes to zero (the gamma test). It is an estimate and no bound: where the data are thin, or the world jumps, "
-        "as at a wall, that is no noise, and a model may be below it."
+        "as at a stop, that is no noise, and a model may be below it."
     )
 
 
