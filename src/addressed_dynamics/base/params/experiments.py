@@ -227,7 +227,10 @@ def _one_line(path: Path, experiment: str, section: Any, error: ValidationError)
     if first["type"] == "missing" and first["loc"][0] == "source":
         missing = [each["loc"] for each in problems if each["type"] == "missing" and each["loc"][0] == "source"]
         return _missing_in_source(path, experiment, section, missing)
-    where = ".".join([experiment, *_key_path(first["loc"], section)])
+    # A key that is missing may be called as a form is.
+    ends = first["loc"][-1:] if first["type"] == "missing" else ()
+    within = first["loc"][: len(first["loc"]) - len(ends)]
+    where = ".".join([experiment, *_key_path(within, section), *map(str, ends)])
     match first["type"]:
         case "extra_forbidden":
             what = "unknown key; check its spelling, or remove it"
