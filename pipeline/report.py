@@ -6,6 +6,7 @@ from addressed_dynamics.base.params.experiments import load_experiment
 from addressed_dynamics.base.versions import code_version, output_digests
 from addressed_dynamics.reporting.common.render import FIGURES
 from addressed_dynamics.reporting.common.written import Subject
+from addressed_dynamics.simulators.delivery import ROOMS
 from pipeline.stage import Call, evaluation_dir, figures_dir, models_dir, reports_dir, run_stage
 
 
@@ -13,9 +14,10 @@ def main(call: Call) -> str:
     """Report on an experiment; return its verdict."""
     experiment, target, models = call.experiment, reports_dir(call.experiment), models_dir(call.experiment)
     params = load_experiment(call.params_file, experiment, call.kind)
+    trained = {name: each for name, each in output_digests(models).items() if name.partition("/")[0] in ROOMS}
     subject = Subject(
         experiment, params, call.params_file.as_posix(), models, figures_dir(experiment), evaluation_dir(experiment),
-        code_version(), output_digests(models),
+        code_version(), trained,
     )  # fmt: skip
     written = supplied("reporting", call.kind).write(subject, target)
     with tracking.run(stage="report", experiment=experiment, name=f"{experiment} report", params={},
