@@ -147,6 +147,13 @@ class Gauge:
     matter; `weights` (3, observation): of `errors`, of the logarithm of the models' difference, and a constant;
     `limits` (2): the distances that one validation point in a hundred exceeds."""
 
+    def beside(
+        self, partner: AddressedDynamics, model: AddressedDynamics, observation: Tensor, action: Tensor,
+        exogenous: Tensor | None, predicted: Tensor, x: Tensor,
+    ) -> Scales:  # fmt: skip
+        """Return the same as `scales`, for what a second model predicts otherwise; arguments as in `difference`."""
+        return self.scales(x, difference(model, partner, observation, action, exogenous, predicted, x))
+
     def scales(self, x: Float[Tensor, "sample input"], difference: Float[Tensor, "sample observation"]) -> Scales:
         """Return the expected sizes of errors, and the signals.
 
@@ -264,14 +271,7 @@ class Trust:
         predicted: Tensor, x: Tensor,
     ) -> Scales:  # fmt: skip
         """Return what is expected of the errors of a model's predictions."""
-        return self.gauge.scales(x, self.difference(model, observation, action, exogenous, predicted, x))
-
-    def difference(
-        self, model: AddressedDynamics, observation: Tensor, action: Tensor, exogenous: Tensor | None,
-        predicted: Tensor, x: Tensor,
-    ) -> Float[Tensor, "sample observation"]:  # fmt: skip
-        """Return what the second model predicts otherwise."""
-        return difference(model, self.partner, observation, action, exogenous, predicted, x)
+        return self.gauge.beside(self.partner, model, observation, action, exogenous, predicted, x)
 
     def check_coverage(self, coverage: float) -> None:
         """Check that intervals of such a coverage are known.

@@ -8,7 +8,7 @@ import pytest
 from trusted_models import drifting, linear_model, trusted_model, write_models
 
 from addressed_dynamics.base.errors import ModelError
-from addressed_dynamics.evaluation.transitions.candidates import Candidate, predictor_of
+from addressed_dynamics.evaluation.transitions.candidates import Candidate, origin_of, predictor_of
 from addressed_dynamics.evaluation.transitions.points import Points
 from addressed_dynamics.evaluation.transitions.trust_records import TrustRecord
 from addressed_dynamics.evaluation.transitions.trusting import (
@@ -16,7 +16,6 @@ from addressed_dynamics.evaluation.transitions.trusting import (
     Pair,
     judge_trust,
     median_course,
-    origin_of,
     pair_of,
     window_starts,
 )

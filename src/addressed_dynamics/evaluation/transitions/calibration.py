@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import torch
@@ -210,14 +211,8 @@ def stretches_from(points: Points, starts: Int64[np.ndarray, " stretch"], steps:
 @torch.no_grad()
 def follow(model: AddressedDynamics, partner: AddressedDynamics, gauge: Gauge, ways: Stretches) -> Followed:
     """Return the rollouts of a model along stretches, with what was expected of its errors."""
-
-    def scales(
-        used: AddressedDynamics, observation: Tensor, action: Tensor, exogenous: Tensor | None, predicted: Tensor,
-        x: Tensor,
-    ) -> Scales:  # fmt: skip
-        return gauge.scales(x, difference(used, partner, observation, action, exogenous, predicted, x))
-
-    return model.follow(ways.history, ways.actions, ways.exogenous, scales, model.mode)
+    expected = partial(gauge.beside, partner)
+    return model.follow(ways.history, ways.actions, ways.exogenous, expected, model.mode)
 
 
 def reachable(points: Points, steps: int) -> int:

@@ -19,7 +19,7 @@ from addressed_dynamics.networks.addressing import multiply_adds_a_step
 from addressed_dynamics.networks.files import SavedNetwork, load_network, read_index
 from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.simulators.addressed import AddressedDynamics
-from addressed_dynamics.simulators.delivery import parts_in
+from addressed_dynamics.simulators.delivery import ENSEMBLE, Origin, parts_in
 from addressed_dynamics.simulators.modes import MODES, Mode
 from addressed_dynamics.training.baselines import OTHER_RECIPE
 from addressed_dynamics.training.references import (
@@ -55,6 +55,16 @@ class Candidate:
     """Addressing mode of its rollouts."""
     multiply_adds: int | None = None
     """Multiply-adds of one prediction, with those of the addressing network, if it is used; None if unknown."""
+
+
+def origin_of(candidate: Candidate) -> Origin | None:
+    """Return which of an experiment's models a candidate is; None if it is one that cannot be loaded."""
+    if candidate.model is None:
+        return None
+    kind, *rest = candidate.name.split("/")
+    if kind == ENSEMBLE:
+        return candidate.model.origin
+    return Origin(kind, int(rest[-1].removeprefix("seed-")))
 
 
 def ensemble_candidates(models: dict[int, dict[str, AddressedDynamics]], delivered: dict[int, str]) -> list[Candidate]:

@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Float32
 
-from addressed_dynamics.evaluation.transitions.candidates import Candidate
+from addressed_dynamics.evaluation.transitions.candidates import Candidate, origin_of
 from addressed_dynamics.evaluation.transitions.horizons import one_step_percent, percent_of_range, steps_until_lost
 from addressed_dynamics.evaluation.transitions.one_step import errors_per_dimension, predict_all
 from addressed_dynamics.evaluation.transitions.points import Points
@@ -80,7 +80,7 @@ def recommend(
         "rollouts": len(truth.states),
         "scores": {each: asdict(score) for each, score in scores.items()},
     }
-    return record, _recommended(name, chosen)
+    return record, _choice(chosen)
 
 
 def choose(scores: Mapping[str, Score]) -> tuple[str, bool]:
@@ -152,12 +152,7 @@ def _score(
     return Score(one_step, float(np.median(whole)), steps * points.features.spaces.step_seconds)
 
 
-def _recommended(name: str, candidate: Candidate) -> Choice:
-    model = candidate.model
-    assert model is not None
-    origin = model.origin
-    kind, *rest = name.split("/")
-    if kind == "ensemble":
-        assert origin is not None
-        return Choice("ensemble", origin.seed, origin.variant, candidate.mode)
-    return Choice(kind, int(rest[-1].removeprefix("seed-")), None, candidate.mode)
+def _choice(candidate: Candidate) -> Choice:
+    origin = origin_of(candidate)
+    assert origin is not None
+    return Choice(origin.candidate, origin.seed, origin.variant, candidate.mode)

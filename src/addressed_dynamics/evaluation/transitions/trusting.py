@@ -19,7 +19,7 @@ from addressed_dynamics.evaluation.transitions.calibration import (
     stretches,
     stretches_from,
 )
-from addressed_dynamics.evaluation.transitions.candidates import Candidate
+from addressed_dynamics.evaluation.transitions.candidates import Candidate, origin_of
 from addressed_dynamics.evaluation.transitions.points import Points
 from addressed_dynamics.evaluation.transitions.records import NOTHING, REFERENCES
 from addressed_dynamics.evaluation.transitions.trust_measures import (
@@ -85,16 +85,6 @@ def pair_of(candidates: Sequence[Candidate], chosen: Choice) -> Pair | None:
     mode = next((each for each in MODES if each == chosen.mode), used.mode)
     model = AddressedDynamics(found.features, found.ensemble, found.addressing, mode=mode, origin=own)
     return Pair(model, own, second, partner)
-
-
-def origin_of(candidate: Candidate) -> Origin | None:
-    """Return which of an experiment's models a candidate is; None if it is one that cannot be loaded."""
-    if candidate.model is None:
-        return None
-    kind, *rest = candidate.name.split("/")
-    if kind == ENSEMBLE:
-        return candidate.model.origin
-    return Origin(kind, int(rest[-1].removeprefix("seed-")))
 
 
 def calibrated(pair: Pair, trust: Trust) -> Calibrated:
