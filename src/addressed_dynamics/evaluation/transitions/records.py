@@ -182,6 +182,23 @@ class RatioResult(Record):
     high: float
 
 
+class ErrorAfter(Record):
+    """The errors of a candidate after so many steps of its own predictions, over the rollouts on held-out episodes."""
+
+    steps: int
+    """The last of which is judged alone."""
+    rollouts: int
+    """Rollouts that last as long."""
+    percent: float
+    """Root mean square over rollouts and dimensions, in % of the range."""
+    median_percent: float
+    """The same over dimensions, of the median rollout."""
+    dimensions: dict[str, float]
+    """Root mean square over rollouts, of each dimension in its own unit."""
+    interval: dict[str, float] | None = None
+    """Half of the width of the 90 % interval of each dimension, of the median rollout; None of what has none."""
+
+
 class BesideEnsemble(Record):
     """The errors of a candidate in multiples of the addressed ensemble's.
 
@@ -205,6 +222,8 @@ class CandidateResult(Record):
     """Of one prediction, addressing included; None if unknown, as in results of earlier versions."""
     one_step: OneStepResult
     rollouts: RolloutResult | None = None
+    errors_after: tuple[ErrorAfter, ...] = ()
+    """After a step, 1 s and 10 s (10 and 100 steps where a step has no duration), as far as rollouts last."""
     beside_ensemble: BesideEnsemble | None = None
     """None of the oracle, and in results of earlier versions."""
 
