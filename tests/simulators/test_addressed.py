@@ -509,3 +509,25 @@ def test_a_model_saved_before_layers_could_be_shared_is_loaded(folder: Path, tmp
         del config["architecture"]["shared"]
         path.write_text(json.dumps(config))
     assert is_of(AddressedDynamics.load(old), 4, "cost_sensitive")
+
+
+@pytest.mark.parametrize("rows", [1, 7])
+def test_weights_that_change_change_what_is_predicted(rows: int) -> None:
+    model, world = untrained_model(WORLDS["car"]), WORLDS["car"]
+    given = world.observation[:rows], world.action[:rows]
+    before = model.predict(*given)
+    with torch.no_grad():
+        for bias in model.ensemble.biases:
+            bias += 0.5
+    after = model.predict(*given)
+    np.testing.assert_allclose(after, naive(model, *given, "argmax"), rtol=1e-4, atol=1e-5)
+    assert not np.allclose(after, before)
+
+
+@pytest.mark.parametrize("world", WORLDS.values(), ids=WORLDS)
+def test_samples_one_by_one_are_predicted_as_in_a_batch(world: Transitions) -> None:
+    model = untrained_model(world)
+    together = model.predict(world.observation, world.action)
+    pairs = zip(world.observation, world.action, strict=True)
+    alone = [model.predict(state, action) for state, action in pairs]
+    np.testing.assert_allclose(alone, together, rtol=1e-5, atol=1e-6)

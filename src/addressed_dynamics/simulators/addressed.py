@@ -15,6 +15,7 @@ from addressed_dynamics.episodes.transitions import DiscreteAction
 from addressed_dynamics.features.transitions.spec import FeatureSpec
 from addressed_dynamics.networks.addressing import addressed_members, addressing_scores
 from addressed_dynamics.networks.files import load_network, read_index
+from addressed_dynamics.networks.frozen import FrozenMLP
 from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.simulators.arrays import Plain, Values, answer, as_tensor, finite, shown_names
 from addressed_dynamics.simulators.delivery import Origin, Parts, find_parts
@@ -84,6 +85,8 @@ class AddressedDynamics:
         self.mode: Mode = mode
         self.origin = origin
         self._trust = trust
+        self._parameters = tuple(each for network in (ensemble, addressing) if network for each in network.parameters())
+        self._frozen: tuple[tuple[int, ...], FrozenMLP, FrozenMLP | None] | None = None
 
     @staticmethod
     def load(
@@ -187,7 +190,7 @@ class AddressedDynamics:
                 exogenous inputs are missing or not asked for.
         """
         given, single = self._batch(observation, action, exogenous)
-        predicted = self.step(*given, mode=self._mode(mode), generator=generator)
+        predicted = self._next(*given, self._mode(mode), generator)
         return answer(predicted, observation, single=single)
 
     @overload
@@ -279,7 +282,7 @@ class AddressedDynamics:
         states = torch.empty(len(state), steps.shape[1] - history + 1, len(self.features.spaces.observation))
         for t in range(states.shape[1]):
             rows = t if history == 1 else slice(t, t + history)
-            states[:, t] = self.step(state, steps[:, rows], replayed[:, rows], mode=mode, generator=generator)
+            states[:, t] = self._next(state, steps[:, rows], replayed[:, rows], mode, generator)
             state = states[:, t] if history == 1 else torch.cat([state[:, 1:], states[:, t : t + 1]], dim=1)
         return answer(states, observation, single=single)
 
@@ -673,11 +676,45 @@ class AddressedDynamics:
         Raises:
             ModelError: a shape is wrong.
         """
+        return self._stepped(observation, action, exogenous, x, self.mode if mode is None else mode, generator)
+
+    def _stepped(
+        self,
+        observation: Tensor,
+        action: Tensor,
+        exogenous: Tensor | None,
+        x: Float[Tensor, "sample input"] | None,
+        mode: Mode,
+        generator: torch.Generator | None,
+    ) -> tuple[Float[Tensor, "sample observation"], Float[Tensor, "sample member"]]:
         inputs = self.features.encode(observation, action, exogenous) if x is None else x
-        chosen = self.mode if mode is None else mode
-        probabilities = self.probabilities_of(inputs)
-        output = self.combined(inputs, probabilities, chosen, generator=generator)
+        ensemble, addressing = self._networks()
+        probabilities = _probabilities(addressing, inputs)
+        output = _combined(ensemble, inputs, probabilities, mode, generator)
         return self._decoded(output, observation), probabilities
+
+    def _next(
+        self, observation: Tensor, action: Tensor, exogenous: Tensor | None, mode: Mode,
+        generator: torch.Generator | None,
+    ) -> Float[Tensor, "sample observation"]:  # fmt: skip
+        """Return the next states, by the shortest way."""
+        x = self.features.encode_one(observation, action, exogenous) if mode == "argmax" else None
+        if x is None:
+            return self._stepped(observation, action, exogenous, None, mode, generator)[0]
+        ensemble, addressing = self._networks()
+        member = 0 if addressing is None else int(addressing.scores_of_one(x).argmax())
+        output = ensemble.forward_one(x, member)
+        if self.features.angles:
+            return self._decoded(torch.from_numpy(output[None]), observation)
+        return torch.from_numpy(self.features.decode_one(output, observation.numpy())[None])
+
+    def _networks(self) -> tuple[FrozenMLP, FrozenMLP | None]:
+        """Return the networks as they are evaluated, made anew if weights have changed."""
+        versions = tuple(parameter._version for parameter in self._parameters)
+        if self._frozen is None or self._frozen[0] != versions:
+            addressing = None if self.addressing is None else FrozenMLP(self.addressing)
+            self._frozen = versions, FrozenMLP(self.ensemble), addressing
+        return self._frozen[1:]
 
     @torch.no_grad()
     def combined(
@@ -701,27 +738,42 @@ class AddressedDynamics:
         Raises:
             ModelError: there is no such mode.
         """
-        match mode:
-            case "argmax":
-                return self.ensemble.forward_routed(x, probabilities.argmax(dim=1))
-            case "sample":
-                # A rollout that has left all bounds has no probabilities; which member says NaN is all the same.
-                drawn = torch.multinomial(probabilities.nan_to_num(nan=1.0), 1, generator=generator)
-                member = drawn.squeeze(1)
-                return self.ensemble.forward_routed(x, member)
-            case "mixture":
-                return (probabilities.T.unsqueeze(-1) * (self.ensemble(x) if outputs is None else outputs)).sum(dim=0)
-            case "blend":
-                return self.ensemble.forward_blended(x, probabilities)
-            case _:
-                raise no_mode(mode, MODES)
+        return _combined(self._networks()[0], x, probabilities, mode, generator, outputs)
 
     @torch.no_grad()
     def probabilities_of(self, x: Float[Tensor, "sample input"]) -> Float[Tensor, "sample member"]:
         """Return the same as `probabilities`, for inputs as `features.encode` returns them."""
-        if self.addressing is None:
-            return torch.ones(len(x), 1)
-        return torch.softmax(addressing_scores(self.addressing, x), dim=1)
+        return _probabilities(self._networks()[1], x)
+
+
+def _probabilities(addressing: FrozenMLP | None, x: Float[Tensor, "sample input"]) -> Float[Tensor, "sample member"]:
+    if addressing is None:
+        return torch.ones(len(x), 1)
+    return torch.softmax(addressing_scores(addressing, x), dim=1)
+
+
+def _combined(
+    ensemble: FrozenMLP,
+    x: Float[Tensor, "sample input"],
+    probabilities: Float[Tensor, "sample member"],
+    mode: Mode,
+    generator: torch.Generator | None,
+    outputs: Float[Tensor, "member sample output"] | None = None,
+) -> Float[Tensor, "sample output"]:
+    match mode:
+        case "argmax":
+            return ensemble.forward_routed(x, probabilities.argmax(dim=1))
+        case "sample":
+            # A rollout that has left all bounds has no probabilities; which member says NaN is all the same.
+            drawn = torch.multinomial(probabilities.nan_to_num(nan=1.0), 1, generator=generator)
+            return ensemble.forward_routed(x, drawn.squeeze(1))
+        case "mixture":
+            every = ensemble.forward_all(x) if outputs is None else outputs
+            return (probabilities.T.unsqueeze(-1) * every).sum(dim=0)
+        case "blend":
+            return ensemble.forward_blended(x, probabilities)
+        case _:
+            raise no_mode(mode, MODES)
 
 
 def _check_version(folder: Path) -> None:

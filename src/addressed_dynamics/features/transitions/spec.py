@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 import numpy as np
 import torch
-from jaxtyping import Float, Float64
+from jaxtyping import Float, Float32, Float64
 from torch import Tensor
 
 from addressed_dynamics.base.errors import ModelError, TransitionsError
@@ -40,6 +40,24 @@ class Angle:
     """Name of the dimension with its sine."""
     velocity: str | None
     """Name of the dimension with its velocity, in rad/s; None if there is none."""
+
+
+@dataclass(frozen=True)
+class _Constants:
+    """The numbers of a `FeatureSpec` as tensors, float32."""
+
+    state_mean: Float[Tensor, " observation"]
+    state_deviation: Float[Tensor, " observation"]
+    action_mean: Float[Tensor, " action"]
+    action_deviation: Float[Tensor, " action"]
+    exogenous_mean: Float[Tensor, " exogenous"]
+    exogenous_deviation: Float[Tensor, " exogenous"]
+    actions: Float[Tensor, "action action"]
+    """What each discrete action is as normalised inputs."""
+    unit: Float[Tensor, " output"]
+    """What one unit of an output is, in the unit of its dimension."""
+    middle: Float[Tensor, " output"]
+    """What an output of 0 is, there."""
 
 
 @dataclass(frozen=True)
@@ -138,6 +156,45 @@ class FeatureSpec:
         self.check_observation(observation)
         return self.join(self._frames(observation, action, exogenous))
 
+    def encode_one(
+        self, observation: Tensor, action: Tensor, exogenous: Tensor | None
+    ) -> Float32[np.ndarray, " input"] | None:
+        """Return what `encode` does, of a batch of one sample; by NumPy, whose calls cost less.
+
+        None where they are not one sample, or none that `encode` takes.
+        """
+        spaces, of = self.spaces, self._arrays
+        frames = (1,) if self.history == 1 else (1, self.history)
+        if observation.shape != (*frames, len(spaces.observation)):
+            return None
+        parts = [(observation.numpy() - of["state_mean"]) / of["state_deviation"]]
+        if isinstance(spaces.action, DiscreteAction):
+            if action.shape != frames or action.is_floating_point():
+                return None
+            chosen = action.reshape(-1).tolist()
+            if min(chosen) < 0 or max(chosen) >= spaces.action.count:
+                return None
+            parts.append(of["actions"][chosen].reshape(*frames, -1))
+        else:
+            if action.shape != (*frames, len(spaces.action.dimensions)):
+                return None
+            parts.append((action.to(torch.float32).numpy() - of["action_mean"]) / of["action_deviation"])
+        if spaces.exogenous:
+            if exogenous is None or exogenous.shape != (*frames, len(spaces.exogenous)):
+                return None
+            parts.append((exogenous.numpy() - of["exogenous_mean"]) / of["exogenous_deviation"])
+        elif exogenous is not None and exogenous.shape[-1]:
+            return None
+        x = np.concatenate(parts, axis=-1)
+        return (x if self.history == 1 else x * of["frame_weights"]).reshape(-1)
+
+    def decode_one(
+        self, output: Float32[np.ndarray, " output"], observation: Float32[np.ndarray, "*frame observation"]
+    ) -> Float32[np.ndarray, " observation"]:
+        """Return what `decode` does, of one sample of a state without angles."""
+        target: Float32[np.ndarray, " observation"] = output * self._arrays["unit"] + self._arrays["middle"]
+        return target if self.target == "absolute" else target + observation.reshape(-1, len(target))[-1]
+
     def check_observation(self, observation: Tensor) -> None:
         """Check that states have the shape that `encode` asks for.
 
@@ -161,10 +218,10 @@ class FeatureSpec:
         Raises:
             ModelError: they are missing, are of another shape, or the spaces have none.
         """
-        names = ", ".join(dimension.name for dimension in self.spaces.exogenous)
         expected = (*batch, len(self.spaces.exogenous))
-        if exogenous is None and not names:
+        if exogenous is None and not expected[-1]:
             return torch.empty(expected)
+        names = ", ".join(dimension.name for dimension in self.spaces.exogenous)
         if exogenous is None:
             message = (
                 f"the model has exogenous inputs ({names}), which are known and not predicted, but was given none; "
@@ -205,9 +262,10 @@ class FeatureSpec:
             output: what a network says.
             observation: the states before the step: of a history, the last frame; each member's own, or one for all.
         """
-        target = (output * self.target_deviation + torch.tensor(self.target_mean)) * self.target_scale
+        target = torch.addcmul(self._constants.middle, output, self._constants.unit)
         if self.target == "change":
-            target = target + observation[..., self.predicted]
+            every = len(self.predicted) == observation.shape[-1]
+            target = target + (observation if every else observation[..., self.predicted])
         if not self.angles:
             return target
         columns = dict(zip(self.predicted, target.unbind(dim=-1), strict=True))
@@ -219,9 +277,9 @@ class FeatureSpec:
         self, frames: Float[Tensor, "*batch frame"], observation: Float[Tensor, "*batch observation"]
     ) -> Float[Tensor, "*batch frame"]:
         """Return normalised frames with other states (in the environment's units) in the place of theirs."""
-        states = observation.shape[-1]
-        mean, deviation = torch.tensor(self.input_mean[:states]), torch.tensor(self.input_deviation[:states])
-        return torch.cat([(observation - mean) / deviation, frames[..., states:]], dim=-1)
+        of = self._constants
+        states = (observation - of.state_mean) / of.state_deviation
+        return torch.cat([states, frames[..., observation.shape[-1] :]], dim=-1)
 
     def samples(self, transitions: Transitions, *, courses: bool = False) -> Samples:
         """Return the samples of `transitions`, in their order.
@@ -353,13 +411,16 @@ class FeatureSpec:
         exogenous: Tensor | None,
     ) -> Float[Tensor, "*batch frame"]:
         """Return states, actions and exogenous inputs as normalised inputs side by side."""
-        batch = observation.shape[:-1]
-        given = (self._encode_action(action, batch), self.encode_exogenous(exogenous, batch))
-        raw = torch.cat([observation.to(torch.float32), *given], dim=-1)
-        return (raw - torch.tensor(self.input_mean)) / torch.tensor(self.input_deviation)
+        batch, of = observation.shape[:-1], self._constants
+        states = (observation.to(torch.float32) - of.state_mean) / of.state_deviation
+        known = self.encode_exogenous(exogenous, batch)
+        parts = [states, self._encode_action(action, batch)]
+        if known.shape[-1]:
+            parts.append((known - of.exogenous_mean) / of.exogenous_deviation)
+        return torch.cat(parts, dim=-1)
 
     def _encode_action(self, action: Tensor, batch: tuple[int, ...]) -> Float[Tensor, "*batch action"]:
-        kind = self.spaces.action
+        kind, of = self.spaces.action, self._constants
         if isinstance(kind, DiscreteAction):
             if action.shape != batch or action.is_floating_point():
                 message = (
@@ -367,15 +428,43 @@ class FeatureSpec:
                     f"but are {action.dtype} of shape {tuple(action.shape)}"
                 )
                 raise ModelError(message)
-            if action.numel() and not (int(action.min()) >= 0 and int(action.max()) < kind.count):
+            try:
+                return torch.nn.functional.embedding(action.long(), of.actions)
+            except IndexError as error:
                 message = f"actions should lie in 0..{kind.count - 1}, but some do not"
-                raise ModelError(message)
-            return torch.nn.functional.one_hot(action.long(), kind.count).to(torch.float32)
+                raise ModelError(message) from error
         expected = (*batch, len(kind.dimensions))
         if action.shape != expected:
             message = f"continuous actions should have shape {expected}, but have {tuple(action.shape)}"
             raise ModelError(message)
-        return action.to(torch.float32)
+        return (action.to(torch.float32) - of.action_mean) / of.action_deviation
+
+    @cached_property
+    def _constants(self) -> _Constants:
+        states, exogenous = len(self.spaces.observation), len(self.spaces.exogenous)
+        sizes = [states, len(self.input_mean) - states - exogenous, exogenous]
+        # What is made inside of torch.inference_mode could not be used outside of it.
+        with torch.inference_mode(mode=False):
+            mean, deviation = (
+                torch.split(torch.tensor(each), sizes) for each in (self.input_mean, self.input_deviation)
+            )
+            scale = self.target_scale
+            return _Constants(
+                state_mean=mean[0],
+                state_deviation=deviation[0],
+                action_mean=mean[1],
+                action_deviation=deviation[1],
+                exogenous_mean=mean[2],
+                exogenous_deviation=deviation[2],
+                actions=(torch.eye(sizes[1]) - mean[1]) / deviation[1],
+                unit=self.target_deviation * scale,
+                middle=torch.tensor(self.target_mean) * scale,
+            )
+
+    @cached_property
+    def _arrays(self) -> dict[str, Float32[np.ndarray, " ..."]]:
+        arrays = {name: value.numpy() for name, value in vars(self._constants).items()}
+        return {**arrays, "frame_weights": self._frame_weights.numpy()}
 
     def _turned(
         self, angle: Angle, columns: dict[int, Tensor], before: Float[Tensor, "sample observation"]

@@ -1,0 +1,87 @@
+"""What is evaluated gives what was trained gives, by whichever way a batch goes."""
+
+import numpy as np
+import pytest
+import torch
+
+from addressed_dynamics.networks import frozen
+from addressed_dynamics.networks.addressing import addressing_scores
+from addressed_dynamics.networks.frozen import FrozenMLP
+from addressed_dynamics.networks.stacked import StackedMLP
+
+STACKS = pytest.mark.parametrize(
+    ("members", "activation", "shared", "linear"),
+    [
+        (1, "tanh", 0, False),
+        (3, "relu", 0, False),
+        (3, "elu", 0, True),
+        (4, "tanh", 1, False),
+        (2, "relu", 2, True),
+    ],
+)
+CLOSE = {"rtol": 1e-5, "atol": 1e-6}
+
+
+def made(members: int, activation: str, shared: int, linear: bool) -> StackedMLP:
+    generator = torch.Generator().manual_seed(1)
+    stack = StackedMLP(members, (5, 16, 16, 2), activation, generator, shared=shared, linear=linear)  # type: ignore[arg-type]
+    for weight in stack.linear:
+        torch.nn.init.normal_(weight, generator=generator)
+    return stack.requires_grad_(requires_grad=False)
+
+
+def inputs(rows: int) -> torch.Tensor:
+    return torch.randn(rows, 5, generator=torch.Generator().manual_seed(rows))
+
+
+@STACKS
+@pytest.mark.parametrize("rows", [1, 2, 37])
+def test_it_gives_what_the_stack_gives(members: int, activation: str, shared: int, linear: bool, rows: int) -> None:
+    stack = made(members, activation, shared, linear)
+    found, x = FrozenMLP(stack), inputs(rows)
+    member = torch.arange(rows) % members
+    coefficients = torch.softmax(torch.randn(rows, members, generator=torch.Generator().manual_seed(2)), dim=1)
+    torch.testing.assert_close(found.forward_all(x), stack.forward_all(x), **CLOSE)
+    torch.testing.assert_close(found.forward_routed(x, member), stack.forward_routed(x, member), **CLOSE)
+    torch.testing.assert_close(found.forward_blended(x, coefficients), stack.forward_blended(x, coefficients), **CLOSE)
+    assert torch.equal(x, inputs(rows))
+
+
+@STACKS
+def test_one_input_by_numpy_gives_what_a_batch_gives(members: int, activation: str, shared: int, linear: bool) -> None:
+    stack = made(members, activation, shared, linear)
+    found, x = FrozenMLP(stack), inputs(1)
+    for member in range(members):
+        expected = stack.forward_all(x)[member, 0].numpy()
+        np.testing.assert_allclose(found.forward_one(x[0].numpy(), member), expected, **CLOSE)
+    assert torch.equal(x, inputs(1))
+
+
+@pytest.mark.parametrize(("cost", "sorts"), [(0, True), (10**9, False)])
+def test_it_sorts_by_member_only_where_that_is_cheaper(cost: int, sorts: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    stack, x = made(3, "relu", 0, False), inputs(20)
+    monkeypatch.setattr(frozen, "SORTING_COST", cost)
+    found = FrozenMLP(stack)
+    member = torch.arange(20) % 2  # the last member gets nothing
+    called: list[bool] = []
+    whole = found.forward_all
+    monkeypatch.setattr(found, "forward_all", lambda given: (called.append(True), whole(given))[1])
+    torch.testing.assert_close(found.forward_routed(x, member), stack.forward_routed(x, member), **CLOSE)
+    assert bool(called) is not sorts
+
+
+@pytest.mark.parametrize(("members", "outputs", "shared"), [(1, 3, 0), (3, 1, 1)])
+def test_the_scores_of_one_input_are_those_of_a_batch(members: int, outputs: int, shared: int) -> None:
+    generator = torch.Generator().manual_seed(3)
+    stack = StackedMLP(members, (5, 8, 8, outputs), "relu", generator, shared=shared).requires_grad_(False)
+    found, x = FrozenMLP(stack), inputs(1)
+    np.testing.assert_allclose(found.scores_of_one(x[0].numpy()), addressing_scores(stack, x)[0].numpy(), **CLOSE)
+
+
+def test_what_is_made_in_inference_mode_can_be_used_outside_of_it() -> None:
+    stack = made(2, "tanh", 0, False)
+    with torch.inference_mode():
+        found = FrozenMLP(stack)
+    x = inputs(3).requires_grad_()
+    found.forward_all(x).sum().backward()
+    assert x.grad is not None
