@@ -7,7 +7,7 @@ from typing import Literal, cast, overload
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Float32
 from torch import Tensor
 
 from addressed_dynamics.base.errors import ModelError
@@ -190,7 +190,7 @@ class AddressedDynamics:
                 exogenous inputs are missing or not asked for.
         """
         given, single = self._batch(observation, action, exogenous)
-        predicted = self._next(*given, self._mode(mode), generator)
+        predicted = self._next(*given, None, self._mode(mode), generator)
         return answer(predicted, observation, single=single)
 
     @overload
@@ -282,7 +282,7 @@ class AddressedDynamics:
         states = torch.empty(len(state), steps.shape[1] - history + 1, len(self.features.spaces.observation))
         for t in range(states.shape[1]):
             rows = t if history == 1 else slice(t, t + history)
-            states[:, t] = self._next(state, steps[:, rows], replayed[:, rows], mode, generator)
+            states[:, t] = self._next(state, steps[:, rows], replayed[:, rows], None, mode, generator)
             state = states[:, t] if history == 1 else torch.cat([state[:, 1:], states[:, t : t + 1]], dim=1)
         return answer(states, observation, single=single)
 
@@ -658,7 +658,7 @@ class AddressedDynamics:
         Raises:
             ModelError: a shape is wrong.
         """
-        return self.step_and_probabilities(observation, action, exogenous, mode=mode, generator=generator, x=x)[0]
+        return self._next(observation, action, exogenous, x, self.mode if mode is None else mode, generator)
 
     @torch.no_grad()
     def step_and_probabilities(
@@ -694,19 +694,38 @@ class AddressedDynamics:
         return self._decoded(output, observation), probabilities
 
     def _next(
-        self, observation: Tensor, action: Tensor, exogenous: Tensor | None, mode: Mode,
+        self,
+        observation: Tensor,
+        action: Tensor,
+        exogenous: Tensor | None,
+        x: Float[Tensor, "sample input"] | None,
+        mode: Mode,
         generator: torch.Generator | None,
-    ) -> Float[Tensor, "sample observation"]:  # fmt: skip
+    ) -> Float[Tensor, "sample observation"]:
         """Return the next states, by the shortest way."""
-        x = self.features.encode_one(observation, action, exogenous) if mode == "argmax" else None
-        if x is None:
-            return self._stepped(observation, action, exogenous, None, mode, generator)[0]
+        if mode == "argmax" and self._parameters[0].dtype == torch.float32:
+            # A rollout that has left all bounds goes on with what is no number.
+            with np.errstate(over="ignore", invalid="ignore"):
+                one = self._one(observation, action, exogenous, x)
+                if one is not None:
+                    return self._next_of_one(one, observation)
+        return self._stepped(observation, action, exogenous, x, mode, generator)[0]
+
+    def _next_of_one(self, x: Float32[np.ndarray, " input"], observation: Tensor) -> Float[Tensor, "1 observation"]:
         ensemble, addressing = self._networks()
         member = 0 if addressing is None else int(addressing.scores_of_one(x).argmax())
         output = ensemble.forward_one(x, member)
         if self.features.angles:
             return self._decoded(torch.from_numpy(output[None]), observation)
         return torch.from_numpy(self.features.decode_one(output, observation.numpy())[None])
+
+    def _one(
+        self, observation: Tensor, action: Tensor, exogenous: Tensor | None, x: Float[Tensor, "sample input"] | None
+    ) -> Float32[np.ndarray, " input"] | None:
+        """Return the inputs of a batch of one sample; None if it is not that."""
+        if x is None:
+            return self.features.encode_one(observation, action, exogenous)
+        return x[0].numpy() if len(x) == 1 else None
 
     def _networks(self) -> tuple[FrozenMLP, FrozenMLP | None]:
         """Return the networks as they are evaluated, made anew if weights have changed."""

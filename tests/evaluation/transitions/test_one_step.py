@@ -21,6 +21,7 @@ from addressed_dynamics.evaluation.transitions.suite import (
     evaluate_specialisation,
 )
 from addressed_dynamics.features.transitions.spec import fit_features
+from addressed_dynamics.networks.frozen import FrozenMLP
 from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.simulators.modes import MODES, Mode
 from addressed_dynamics.sources.transitions.params import AngleParams, FeatureParams
@@ -138,14 +139,16 @@ def test_the_oracle_is_at_least_as_good_as_any_addressing_on_every_sample() -> N
 
 
 def test_all_measures_share_one_pass_of_the_members_and_one_of_the_addressing(monkeypatch: pytest.MonkeyPatch) -> None:
-    passes = list[StackedMLP]()
-    forward = StackedMLP.forward_all
+    passes = list[tuple[int, ...]]()
+    forwards = {kind: kind.forward_all for kind in (StackedMLP, FrozenMLP)}
 
-    def counted(stack: StackedMLP, x: torch.Tensor) -> torch.Tensor:
-        passes.append(stack)
-        return forward(stack, x)
+    def counted(stack: StackedMLP | FrozenMLP, x: torch.Tensor) -> torch.Tensor:
+        output = forwards[type(stack)](stack, x)  # type: ignore[arg-type] # each has its own
+        passes.append(tuple(output.shape))
+        return output
 
-    monkeypatch.setattr(StackedMLP, "forward_all", counted)
+    for kind in forwards:
+        monkeypatch.setattr(kind, "forward_all", counted)
     monkeypatch.setattr(StackedMLP, "forward", counted)
     points = Points.of(WORLD, MODEL.features)
     for candidate in ensemble_candidates({0: {"plain": MODEL}}, {0: "plain"}):
@@ -153,7 +156,8 @@ def test_all_measures_share_one_pass_of_the_members_and_one_of_the_addressing(mo
     evaluate_oracle(MODEL, points, "mse")
     evaluate_addressing(MODEL, points, "mse")
     evaluate_specialisation(MODEL, points, "mse")
-    assert sorted(map(id, passes)) == sorted(map(id, [MODEL.ensemble, MODEL.addressing]))
+    members, outputs = MODEL.ensemble.members, MODEL.ensemble.widths[-1]
+    assert sorted(passes) == sorted([(1, len(points), members), (members, len(points), outputs)])
 
 
 @pytest.mark.parametrize("mode", MODES)
