@@ -58,3 +58,7 @@ class ReportError(AddressedDynamicsError):
 
 class TrackingError(AddressedDynamicsError):
     """The tracking store cannot be opened by a command that needs it (a stage only warns)."""
+
+
+class DriveError(AddressedDynamicsError):
+    """A model cannot be driven, or a message asks for what its world has not."""

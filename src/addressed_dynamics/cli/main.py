@@ -216,6 +216,26 @@ def ui(port: Annotated[int, typer.Option(min=1, max=65535, help="Port of the web
     serve_ui(port)
 
 
+@app.command()
+def drive(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="An experiment with models, or a model folder.")],
+    port: Annotated[int | None, typer.Option(min=0, max=65535, help="Port of the page; 0 for any.")] = None,
+    candidate: Annotated[str | None, typer.Option(help="Which model; the delivered one by default.")] = None,
+    environment: Annotated[
+        str | None, typer.Option(metavar="ID", help="The Gymnasium environment that is modelled, if it is not found.")
+    ] = None,
+    record_to: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Where recordings go; data/driven/NAME by default.")
+    ] = None,
+    file: Annotated[Path, typer.Option("--params", help="The params file.")] = Path("params.yaml"),
+) -> None:
+    """Drive a model by hand in a page on 127.0.0.1, beside the truth where there is an environment, until Ctrl-C."""
+    # PyTorch and aiohttp take seconds to import, and no other command needs both.
+    from addressed_dynamics.cli.driving import drive_in_page
+
+    drive_in_page(name, file, port=port, candidate=candidate, environment=environment, record_to=record_to)
+
+
 def _add(file: Path, name: str, entries: dict[str, str], section: str) -> None:
     add_experiment(file, name, entries, section)
     print(f"{name} stands in {file}, for you to change; 'addressed-dynamics remove {name}' takes it out again")

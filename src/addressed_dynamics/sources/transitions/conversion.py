@@ -18,6 +18,7 @@ from jaxtyping import Float64, UInt64
 from addressed_dynamics.base.errors import LogError
 from addressed_dynamics.base.files import atomic_path, write_json
 from addressed_dynamics.base.processes import OrderedMap, worker_processes
+from addressed_dynamics.envs import LEARNED
 from addressed_dynamics.episodes.bounds import display_range
 from addressed_dynamics.episodes.coverage import Occupancy, count_duplicates, first_duplicate, row_fingerprints
 from addressed_dynamics.episodes.findings import Finding, find, findings_to_json, refuse_useless
@@ -52,6 +53,7 @@ class _LogSummary:
     recording: str
     segment: str
     behaviour: str
+    environment: str
     spec: SpaceSpec
     episodes: tuple[EpisodeRecord, ...]
     numbers: dict[int, int]
@@ -141,14 +143,16 @@ def convert_recording(
         progress: called with the number of transitions written since its last call.
 
     Raises:
-        LogError: there are no logs, one is damaged, or they do not fit together: their spaces differ, two of one
-            recording have the same episode, or one is a copy of another.
+        LogError: there are no logs, one is damaged, or holds predictions where `params` allows none, or they do not fit
+            together: their spaces differ, two of one recording have the same episode, or one is a copy of another.
         TableError: a table cannot be written, a split would be empty, or something is wrong with the data that makes
             training on it useless.
     """
     logs = _logs(recording)
     with atomic_path(tables) as folder, worker_processes(_processes(logs, cores)) as ordered_map:
         summaries = _summaries(recording, logs, ordered_map)
+        if not params.predictions:
+            _refuse_predictions(summaries)
         imported = read_import_record(recording / IMPORT_RECORD)
         planned = plan_pieces(recording, _episodes(summaries, _log_names(summaries, imported)), params)
         ranges = reduce(Moments.merge, [summary.ranges for summary in summaries])
@@ -201,6 +205,16 @@ def _summaries(recording: Path, logs: Sequence[Path], ordered_map: OrderedMap) -
     return [_numbered(summary, own) for summary, own in zip(summaries, numbers, strict=True)]
 
 
+def _refuse_predictions(summaries: Sequence[_LogSummary]) -> None:
+    for summary in summaries:
+        if summary.environment == LEARNED:
+            message = (
+                f"{summary.log}: it was recorded in a learned model ({LEARNED}), so it holds what a model predicted "
+                "and nothing that happened; take it out of the folder, or say 'convert: {predictions: true}'"
+            )
+            raise LogError(message)
+
+
 def _numbered(summary: _LogSummary, numbers: dict[int, int]) -> _LogSummary:
     episodes = tuple(replace(each, episode=numbers[each.episode]) for each in summary.episodes)
     return replace(summary, episodes=episodes, numbers=numbers)
@@ -217,6 +231,7 @@ def _summary_of(log: Path, block: LogContents) -> _LogSummary:
         recording=block.recording,
         segment=block.run.segment or log.stem,
         behaviour=block.run.behaviour,
+        environment=block.run.environment,
         spec=transitions.spec,
         episodes=block.episodes,
         numbers={each.episode: each.episode for each in block.episodes},

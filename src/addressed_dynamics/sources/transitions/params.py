@@ -34,6 +34,8 @@ class ConvertParams(Section):
     """Seed of the hash that gives each episode or block its split."""
     row_group_rows: Count = 131_072
     """Rows in a Parquet row group."""
+    predictions: bool = False
+    """Whether logs are taken that were recorded in a learned model: what it predicted, and nothing that happened."""
 
     @model_validator(mode="after")
     def _leaves_training_data(self) -> ConvertParams:

@@ -1,0 +1,55 @@
+"""From a name on the command line to a page in which it is driven."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from addressed_dynamics.base.errors import DriveError
+from addressed_dynamics.drive.finding import find
+from addressed_dynamics.drive.transitions import DrivenWorld
+
+RECORDINGS = Path("data/driven")
+"""Where recordings go if nobody says."""
+
+
+def drive_in_page(
+    name: str,
+    params: Path,
+    *,
+    port: int | None,
+    candidate: str | None,
+    environment: str | None,
+    record_to: Path | None,
+) -> None:
+    """Serve a page until Ctrl-C.
+
+    Args:
+        name: an experiment, or a model folder.
+        params: the params file, which may not be there.
+        port: where to serve it; None for the usual one.
+        candidate: which of the models; None for what is delivered.
+        environment: Gymnasium identifier of what is modelled; None to look for it.
+        record_to: folder for recordings; None for one named as the models are.
+
+    Raises:
+        DriveError: there is nothing of that name, aiohttp is missing, or the port is in use.
+        ModelError: a model is missing or damaged, or of a version that this one does not read.
+    """
+    try:
+        from addressed_dynamics.drive.server import PORT, serve
+    except ModuleNotFoundError as error:
+        if error.name != "aiohttp":
+            raise
+        message = "'drive' needs aiohttp, which is not installed: pip install 'addressed-dynamics[drive]'"
+        raise DriveError(message) from error
+    named = find(name, params, candidate)
+    if named.kind != "transitions":
+        message = f"{named.folder}: models of {named.kind} cannot be driven yet"
+        raise DriveError(message)
+    driven = DrivenWorld.load(named, candidate, environment)
+    folder = record_to or RECORDINGS / named.folder.resolve().name
+    serve(lambda page: driven.session(page, folder), PORT if port is None else port, _say)
+
+
+def _say(line: str) -> None:
+    print(line, flush=True)  # noqa: T201 - a command line prints

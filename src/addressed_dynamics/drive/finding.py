@@ -1,0 +1,157 @@
+"""What is meant by a name: an experiment's models or a folder of some, and the environment that they model."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+
+from addressed_dynamics.base.errors import DriveError, ParamsError, RecordingError, SpaceError
+from addressed_dynamics.base.params.experiments import load_experiment, load_kind
+from addressed_dynamics.base.params.recording import EnvironmentParams
+from addressed_dynamics.envs import ACROBOT, CONTINUING_MOUNTAIN_CAR
+from addressed_dynamics.episodes.transitions import DiscreteAction, SpaceSpec
+from addressed_dynamics.networks.files import read_index
+from addressed_dynamics.recording.environments import Environment, make_environment
+from addressed_dynamics.recording.spaces import space_spec
+from addressed_dynamics.simulators.delivery import find_parts
+from addressed_dynamics.sources.transitions.params import EnvironmentRollouts
+
+MODELS = Path("data/models")
+"""Where the pipeline keeps the models of experiments."""
+UNLIMITED = -1
+"""What Gymnasium takes for no limit of time: a person says when an episode is over."""
+
+
+@dataclass(frozen=True)
+class Named:
+    """What a person meant."""
+
+    folder: Path
+    """The folder of models."""
+    title: str
+    """What it is called in the page."""
+    kind: str
+    """The models' kind of data."""
+    environments: tuple[EnvironmentParams, ...] = field(default=())
+    """Environments that the experiment's params name, the one to drive beside first; none if there are no params."""
+
+
+def find(name: str, params: Path, candidate: str | None = None, models: Path = MODELS) -> Named:
+    """Return what is meant by the name of an experiment, or by a model folder.
+
+    Args:
+        name: either; a name without a slash is that of an experiment if it has models.
+        params: the params file that may say what an experiment was recorded in; it need not be there.
+        candidate: which of the models; None for what is delivered.
+        models: where the models of experiments are.
+
+    Raises:
+        DriveError: there is nothing of that name.
+        ModelError: what is there is no model folder, or it has no such candidate.
+    """
+    experiment = len(Path(name).parts) == 1 and (models / name).is_dir()
+    folder = models / name if experiment else Path(name)
+    if not folder.is_dir():
+        known = ", ".join(sorted(path.name for path in models.iterdir() if path.is_dir())) if models.is_dir() else ""
+        message = (
+            f"there is neither an experiment with models '{name}' nor a folder of that name "
+            f"(experiments with models in {models}: {known or 'none'}); 'dvc repro evaluate@{name}' makes them"
+        )
+        raise DriveError(message)
+    features = read_index(find_parts(folder, candidate, None, None).network, "config.json").get("features")
+    kind = str(features.get("kind", "transitions")) if isinstance(features, dict) else "transitions"
+    if experiment and params.is_file() and kind == "transitions" and load_kind(params, name) == kind:
+        section = _section(params, name, kind)
+        return Named(folder, section.title or name, kind, tuple(_environments(section)))
+    return Named(folder, folder.resolve().name, kind)
+
+
+def _section(params: Path, name: str, kind: str) -> Any:
+    try:
+        return load_experiment(params, name, kind)
+    except ParamsError as error:
+        message = f"{error}; or name another file with --params"
+        raise ParamsError(message) from error
+
+
+def _environments(section: Any) -> Iterator[EnvironmentParams]:
+    rollouts = section.evaluation.rollouts
+    if isinstance(rollouts, EnvironmentRollouts):
+        yield rollouts.environment
+    for segment in section.record.segments if section.record else ():
+        yield segment.environment
+
+
+def environment_of(named: Named, spaces: SpaceSpec, wanted: str | None) -> EnvironmentParams | None:
+    """Return the environment that a model is a model of; None if nobody knows.
+
+    That is the one asked for, else the first that the experiment's params name, else one of those that this package and
+    Gymnasium know, if what it observes and takes has the same names and its step is as long.
+
+    Raises:
+        DriveError: the environment that was asked for has other spaces, or cannot be made.
+    """
+    if wanted is not None:
+        asked = EnvironmentParams(id=wanted)
+        try:
+            with made(asked) as environment:
+                found = space_spec(environment)
+        except (RecordingError, SpaceError) as error:
+            raise DriveError(str(error)) from error
+        if not same_world(found, spaces):
+            theirs, own = (_said(each) for each in (found, spaces))
+            message = f"--environment {wanted}: it has {theirs}, but the model {own}; name the one that was recorded"
+            raise DriveError(message)
+        return asked
+    for each in (*named.environments, *_known(spaces)):
+        try:
+            with made(each) as environment:
+                if same_world(space_spec(environment), spaces):
+                    return each
+        except (RecordingError, SpaceError):
+            # What needs a package that is not there is as good as unknown: the model can be driven alone.
+            continue
+    return None
+
+
+def made(params: EnvironmentParams) -> Environment:
+    """Make an environment that goes on for as long as one drives.
+
+    Raises:
+        RecordingError: it cannot be made.
+    """
+    kwargs = {**params.kwargs, "max_episode_steps": UNLIMITED}
+    return make_environment(EnvironmentParams(id=params.id, kwargs=kwargs))
+
+
+def same_world(found: SpaceSpec, spaces: SpaceSpec) -> bool:
+    """Return whether two descriptions are of one world: the same names in the same order, and about the same step."""
+    return (
+        found.observation_names == spaces.observation_names
+        and _action_names(found) == _action_names(spaces)
+        and not spaces.exogenous
+        and abs(found.step_seconds - spaces.step_seconds) <= 1e-3 * spaces.step_seconds
+    )
+
+
+def _known(spaces: SpaceSpec) -> Iterator[EnvironmentParams]:
+    yield EnvironmentParams(id=CONTINUING_MOUNTAIN_CAR)
+    if spaces.step_seconds <= 1.0:
+        yield EnvironmentParams(id=ACROBOT, kwargs={"time_step": spaces.step_seconds, "ends_at_goal": False})
+    for name in ("MountainCarContinuous-v0", "CartPole-v1", "Pendulum-v1"):
+        if name in gymnasium.registry:
+            yield EnvironmentParams(id=name)
+
+
+def _action_names(spaces: SpaceSpec) -> tuple[str, ...]:
+    action = spaces.action
+    return action.names if isinstance(action, DiscreteAction) else tuple(each.name for each in action.dimensions)
+
+
+def _said(spaces: SpaceSpec) -> str:
+    names, actions = ", ".join(spaces.observation_names), ", ".join(_action_names(spaces))
+    return f"states {names}, actions {actions} and steps of {spaces.step_seconds:g} s"

@@ -1,0 +1,3 @@
+export function motionView() {
+  throw new Error("not yet");
+}
