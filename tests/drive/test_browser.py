@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from aiohttp.test_utils import TestServer
 from chromium import CHROMIUM, Page, browser
-from driven import CAR_ENVIRONMENT, driven
+from driven import CAR_ENVIRONMENT, driven, walker
 
 from addressed_dynamics.drive.server import DriveServer
 from addressed_dynamics.drive.session import Session
@@ -61,6 +61,34 @@ def test_keys_move_the_car_in_both_pictures_and_nothing_is_asked_of_others(tmp_p
     (log,) = tmp_path.iterdir()
     actions = read_log(log).transitions.action.tolist()
     assert actions.count(2) >= 20
+
+
+def test_a_gamepad_acts_and_a_tilted_stick_is_enough(tmp_path: Path) -> None:
+    world = driven("car", environment=CAR_ENVIRONMENT)
+
+    async def use(page: Page, _here: str) -> None:
+        await page.until("window.drive.drawn > 2")
+        await page.value("void (navigator.getGamepads = () => [null, {axes: [-0.4, 0, 0, 0], buttons: []}])")
+        await page.until("window.drive.frame.action === 0")
+        await page.value("void (navigator.getGamepads = () => [null, {axes: [-0.1, 0, 0, 0], buttons: []}])")
+        await page.until("window.drive.frame.action === 1")
+        assert page.complaints == []
+
+    look(lambda number: world.session(number, tmp_path), use)
+
+
+def test_a_character_walks_and_both_pictures_change(tmp_path: Path) -> None:
+    async def use(page: Page, _here: str) -> None:
+        await page.until("window.drive.drawn > 2")
+        await page.key("ArrowUp", up=False)
+        frame = await page.until("window.drive.frame.command[1] > 2 && window.drive.frame")
+        before = await page.value("[...document.querySelectorAll('canvas')].map((each) => each.toDataURL())")
+        await page.until(f"window.drive.frame.step > {frame['step']} + 20")
+        after = await page.value("[...document.querySelectorAll('canvas')].map((each) => each.toDataURL())")
+        assert [one != other for one, other in zip(before, after, strict=True)] == [True, True]
+        assert page.complaints == []
+
+    look(lambda _number: walker(tmp_path), use)
 
 
 def test_sixty_steps_a_second_arrive_and_are_drawn(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import re
 import signal
 import socket
 import subprocess
@@ -16,10 +17,13 @@ import pytest
 from aiohttp.test_utils import TestServer
 from driven import CAR_ENVIRONMENT, driven, write_drift
 
+import addressed_dynamics
 from addressed_dynamics.base.errors import DriveError
 from addressed_dynamics.drive import server
 from addressed_dynamics.drive.server import DriveServer, page_files, serve
 from addressed_dynamics.logs import read_log
+
+PACKAGE = Path(addressed_dynamics.__file__).parent
 
 
 class Here:
@@ -74,6 +78,16 @@ def test_the_page_is_served_and_may_ask_nobody_else(tmp_path: Path) -> None:
                 assert answer.status == 404
 
     with_server(tmp_path, use)
+
+
+def test_its_colours_are_those_of_the_report() -> None:
+    for half in (0, 1):  # light and dark
+        page, report = (
+            dict(re.findall(r"--([a-z]+): ([^;]+);", path.read_text().split("prefers-color-scheme")[half]))
+            for path in (PACKAGE / "drive/page/drive.css", PACKAGE / "reporting/common/templates/report.css")
+        )
+        assert len(report) >= 8
+        assert report.items() <= page.items()
 
 
 def test_who_comes_from_elsewhere_is_refused(tmp_path: Path) -> None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from addressed_dynamics.base.errors import DriveError
-from addressed_dynamics.drive.finding import find
+from addressed_dynamics.drive.finding import Named, find
+from addressed_dynamics.drive.motion import DrivenMotion
 from addressed_dynamics.drive.transitions import DrivenWorld
 
 RECORDINGS = Path("data/driven")
@@ -43,12 +44,20 @@ def drive_in_page(
         message = "'drive' needs aiohttp, which is not installed: pip install 'addressed-dynamics[drive]'"
         raise DriveError(message) from error
     named = find(name, params, candidate)
-    if named.kind != "transitions":
-        message = f"{named.folder}: models of {named.kind} cannot be driven yet"
-        raise DriveError(message)
-    driven = DrivenWorld.load(named, candidate, environment)
+    driven = _load(named, candidate, environment)
     folder = record_to or RECORDINGS / named.folder.resolve().name
     serve(lambda page: driven.session(page, folder), PORT if port is None else port, _say)
+
+
+def _load(named: Named, candidate: str | None, environment: str | None) -> DrivenWorld | DrivenMotion:
+    match named.kind:
+        case "transitions":
+            return DrivenWorld.load(named, candidate, environment)
+        case "motion":
+            return DrivenMotion.load(named, candidate)
+        case _:
+            message = f"{named.folder}: models of '{named.kind}' cannot be driven; those of transitions and motion can"
+            raise DriveError(message)
 
 
 def _say(line: str) -> None:

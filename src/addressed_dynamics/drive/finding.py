@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -36,8 +36,10 @@ class Named:
     """What it is called in the page."""
     kind: str
     """The models' kind of data."""
-    environments: tuple[EnvironmentParams, ...] = field(default=())
+    environments: tuple[EnvironmentParams, ...] = ()
     """Environments that the experiment's params name, the one to drive beside first; none if there are no params."""
+    released: Path | None = None
+    """The published network that the experiment's params name."""
 
 
 def find(name: str, params: Path, candidate: str | None = None, models: Path = MODELS) -> Named:
@@ -64,10 +66,14 @@ def find(name: str, params: Path, candidate: str | None = None, models: Path = M
         raise DriveError(message)
     features = read_index(find_parts(folder, candidate, None, None).network, "config.json").get("features")
     kind = str(features.get("kind", "transitions")) if isinstance(features, dict) else "transitions"
-    if experiment and params.is_file() and kind == "transitions" and load_kind(params, name) == kind:
-        section = _section(params, name, kind)
-        return Named(folder, section.title or name, kind, tuple(_environments(section)))
-    return Named(folder, folder.resolve().name, kind)
+    if not (experiment and params.is_file() and load_kind(params, name) == kind):
+        return Named(folder, folder.resolve().name, kind)
+    section = _section(params, name, kind)
+    title = section.title or name
+    if kind == "motion":
+        released = section.evaluation.released
+        return Named(folder, title, kind, released=None if released is None else Path(released))
+    return Named(folder, title, kind, tuple(_environments(section)))
 
 
 def _section(params: Path, name: str, kind: str) -> Any:

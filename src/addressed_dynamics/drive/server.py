@@ -26,6 +26,7 @@ MOST_PAGES = 16
 LONGEST_MESSAGE = 64 * 1024
 """Bytes of a message that is still read."""
 HEARTBEAT_SECONDS = 20.0
+MOST_LATE_SECONDS = 0.1
 TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
 HEADERS = {
     "Content-Security-Policy": (
@@ -137,7 +138,8 @@ class DriveServer:
 async def _tick(socket: web.WebSocketResponse, session: Session, changed: asyncio.Event) -> None:
     """Step a drive at its rate and send what there is to see, until the page leaves.
 
-    A step that comes late is not made up for: the drive is slower then, and no steps are skipped.
+    What is lost because a step came late is made up for, up to `MOST_LATE_SECONDS`; beyond it the drive is slower, and
+    no step is skipped.
     """
     clock = asyncio.get_running_loop()
     due = clock.time()
@@ -147,8 +149,8 @@ async def _tick(socket: web.WebSocketResponse, session: Session, changed: asynci
             await changed.wait()
             due = clock.time()
             continue
-        due = max(due + 1.0 / session.rate, clock.time())
-        await asyncio.sleep(due - clock.time())
+        due = max(due + 1.0 / session.rate, clock.time() - MOST_LATE_SECONDS)
+        await asyncio.sleep(max(0.0, due - clock.time()))
         if not session.paused:
             await _send(socket, session.tick())
 
@@ -194,7 +196,6 @@ def serve(make_session: MakeSession, port: int, tell: Tell) -> None:
     Raises:
         DriveError: the port is in use.
     """
-    prepare_torch(threads=1)
     asyncio.run(_run(make_session, port, tell))
 
 
@@ -209,6 +210,7 @@ async def _run(make_session: MakeSession, port: int, tell: Tell) -> None:
         loop.add_signal_handler(number, stopped.set)
     try:
         await _listen(runner, port)
+        prepare_torch(threads=1)
         tell(f"http://{HOST}:{runner.addresses[0][1]} in a browser; Ctrl-C ends it")
         await stopped.wait()
     finally:

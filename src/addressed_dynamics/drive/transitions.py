@@ -113,7 +113,7 @@ class TransitionsSession(Session):
             "title": driven.title,
             "model": _model_words(model),
             "environment": None if environment is None else _environment_words(environment),
-            "observation": _described(self._spaces.observation, observed),
+            "observation": _described(self._spaces.observation, observed, as_recorded=True),
             "action": action,
             "exogenous": _described(self._spaces.exogenous, recorded),
             "members": model.ensemble.members,
@@ -135,7 +135,7 @@ class TransitionsSession(Session):
         else:
             self._from_recording()
         self._seed += 1
-        return self._frame(None)
+        return {**self._frame(None), "start": True}
 
     def step(self) -> Said:
         """Take the action that is held, in the model and in truth; does nothing once an episode has ended."""
@@ -332,14 +332,23 @@ def _names(spaces: SpaceSpec) -> tuple[str, ...]:
     return spaces.action.names if isinstance(spaces.action, DiscreteAction) else ()
 
 
-def _described(dimensions: Sequence[Dimension], values: np.ndarray | None) -> list[dict[str, Any]]:
-    """Return names, units and the range to show: the bounds, and where there are none what was recorded."""
+def _described(
+    dimensions: Sequence[Dimension], values: np.ndarray | None, *, as_recorded: bool = False
+) -> list[dict[str, Any]]:
+    """Return names, units and the range to show.
+
+    Args:
+        dimensions: what to describe.
+        values: recorded ones; None if there are none.
+        as_recorded: whether to show the range of these; else the bounds, and that range where there are none.
+    """
     described = []
     for index, each in enumerate(dimensions):
         known = None if values is None or not len(values) else values[:, index]
-        low, high = (None, None) if known is None else (float(known.min()), float(known.max()))
-        low = each.low if np.isfinite(each.low) else low
-        high = each.high if np.isfinite(each.high) else high
+        seen = (None, None) if known is None else (float(known.min()), float(known.max()))
+        bounds = [value if np.isfinite(value) else None for value in (each.low, each.high)]
+        first, second = (seen, bounds) if as_recorded else (bounds, seen)
+        low, high = (one if one is not None else other for one, other in zip(first, second, strict=True))
         described.append({"name": each.name, "unit": each.unit, "low": low, "high": high})
     return described
 

@@ -18,6 +18,7 @@ from addressed_dynamics.envs.acrobot import (
     acrobot_step,
 )
 from addressed_dynamics.envs.mountain_car import MountainCarContinuing, mountain_car_reward, mountain_car_step
+from addressed_dynamics.episodes.transitions import LEARNED
 
 __all__ = [
     "ACROBOT",
@@ -39,9 +40,6 @@ ACROBOT = "addressed_dynamics/Acrobot-v0"
 
 CONTINUING_MOUNTAIN_CAR = "addressed_dynamics/MountainCarContinuing-v0"
 """Gymnasium identifier of the MountainCar that does not end at the goal."""
-
-LEARNED = "addressed_dynamics/Learned-v0"
-"""Gymnasium identifier of a model as an environment: `gymnasium.make(LEARNED, model="data/models/mountaincar")`."""
 
 gymnasium.register(
     id=CONTINUING_MOUNTAIN_CAR,

@@ -19,6 +19,10 @@ NO_BOUND = 1e30
 """A bound as far out as this is none."""
 
 
+LEARNED = "addressed_dynamics/Learned-v0"
+"""Gymnasium identifier of a model as an environment: transitions from there are predictions."""
+
+
 @dataclass(frozen=True)
 class Dimension:
     """One component of an observation, of a continuous action or of the exogenous inputs."""

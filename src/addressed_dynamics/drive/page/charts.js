@@ -10,13 +10,8 @@ export class Past {
   }
 
   add(frame) {
-    if (this.frames.length && frame.step <= this.frames.at(-1).step) {
-      if (frame.step === this.frames.at(-1).step && frame.network === null) {
-        this.frames[this.frames.length - 1] = frame; // the same moment, seen again
-        return;
-      }
-      this.frames = [];
-    }
+    if (frame.start) this.frames = [];
+    if (this.frames.at(-1)?.step === frame.step) this.frames.pop(); // the same moment, seen again
     this.frames.push(frame);
     if (this.frames.length > this.length) this.frames.shift();
   }
@@ -25,8 +20,8 @@ export class Past {
 const LEFT = 44, BOTTOM = 3, TOP = 5;
 
 /** Draw a dimension: the truth, the model, and where the truth lies in most cases. */
-export function drawChart(canvas, past, index, range) {
-  const tall = 92, c = prepare(canvas, tall), wide = canvas.clientWidth;
+export function drawChart(canvas, past, index, range, tall) {
+  const c = prepare(canvas, tall), wide = canvas.clientWidth;
   const [low, high] = widened(range, past.frames, index);
   const x = (i) => LEFT + ((wide - LEFT - 2) * (i + past.length - past.frames.length)) / (past.length - 1);
   const y = (value) => TOP + ((tall - TOP - BOTTOM) * (high - value)) / (high - low);

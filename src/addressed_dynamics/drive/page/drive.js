@@ -97,6 +97,7 @@ part("speed").addEventListener("pointerup", () => part("speed").blur());
 addEventListener("keydown", (event) => {
   const name = KEYS[event.code];
   if (!name || event.ctrlKey || event.metaKey || event.altKey || !view) return;
+  if (event.code === "Space" && event.target.closest("button")) return; // it presses that
   event.preventDefault();
   if (!(event.repeat && name !== "step") && !part(name).hidden) BUTTONS[name]();
 });

@@ -12,7 +12,7 @@ const DEAD = 0.25; // how far a stick must be pushed
 export class Held {
   constructor() {
     this.names = new Set();
-    this.numbers = [];
+    this.used = new Set();
     addEventListener("keydown", (event) => this.key(event, true));
     addEventListener("keyup", (event) => this.key(event, false));
     addEventListener("blur", () => this.release());
@@ -22,10 +22,15 @@ export class Held {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
     const digit = /^Digit([1-9])$/.exec(event.code);
     const name = digit ? `number-${digit[1] - 1}` : KEYS[event.code];
-    if (!name) return;
+    if (!this.used.has(name)) return;
     if (document.activeElement?.type === "range") document.activeElement.blur();
     event.preventDefault();
     this.set(name, down);
+  }
+
+  /** Say which names do something here: other keys are left to the browser. */
+  use(...names) {
+    names.forEach((name) => this.used.add(name));
   }
 
   set(name, down) {
@@ -112,6 +117,7 @@ export function discreteHands(parent, action, held) {
   const buttons = names.map((name, index) =>
     holdButton(parent, held, `number-${index}`, spoken(name), arrows[index] ?? (index < 9 ? String(index + 1) : "")),
   );
+  held.use("left", "right", ...(up >= 0 ? ["up"] : []), ...names.map((_, index) => `number-${index}`));
   let before = neutral;
   return () => {
     let chosen = names.length > 2 ? neutral : before; // between two there is no rest
@@ -134,11 +140,13 @@ export function continuousHands(parent, action, held) {
     slider(parent, dimension, "action", (value) => (values[index] = value)),
   );
   sliders.forEach((each, index) => each.set(neutral[index]));
+  held.use("left", "right", "run", ...(dimensions.length > 1 ? ["up", "down"] : []));
   return () => {
     const pad = gamepad();
     const keys = [held.axis("left", "right"), held.axis("down", "up")];
     dimensions.forEach((dimension, index) => {
-      const stick = pad ? pad.axes[index] * (index % 2 ? -1 : 1) : 0, push = (keys[index] || stick || 0) * (held.has("run") ? 0.5 : 1);
+      const stick = (pad?.axes[index] ?? 0) * (index % 2 ? -1 : 1); // up is negative on a gamepad
+      const push = (keys[index] || stick) * (held.has("run") ? 0.5 : 1);
       if (push) {
         const bound = push < 0 ? dimension.low ?? -1 : dimension.high ?? 1;
         values[index] = neutral[index] + Math.abs(push) * (bound - neutral[index]);

@@ -18,10 +18,14 @@ export function transitionsView(hello, held, say, notice) {
   const length = Math.min(400, Math.max(120, Math.round(WINDOW_SECONDS / hello.step_seconds)));
   const past = new Past(length), part = (id) => document.getElementById(id);
   const pictures = scene ? worlds(part("worlds"), truth) : null;
+  if (!pictures) {
+    part("worlds").replaceWith(part("charts")); // they are then what there is to see
+    part("charts").classList.add("alone");
+  }
   const hands = (hello.action.kind === "discrete" ? discreteHands : continuousHands)(part("hands"), hello.action, held);
   const beside = exogenousHands(part("hands"), hello.exogenous, say);
   const meter = meters(part("meters"), hello);
-  const charts = hello.observation.map((dimension) => chart(part("charts"), dimension, truth));
+  const charts = hello.observation.map((dimension) => chart(part("charts"), dimension, truth, !pictures));
   let acted = JSON.stringify(hello.action.neutral), ended = "";
 
   return {
@@ -39,7 +43,7 @@ export function transitionsView(hello, held, say, notice) {
     },
 
     see(frame) {
-      if (frame.step === 0) acted = JSON.stringify(frame.action);
+      if (frame.start) acted = JSON.stringify(frame.action);
       past.add(frame);
       if (frame.ended && frame.ended !== ended) notice(ENDED[frame.ended], "said");
       else if (!frame.ended && ended) notice("");
@@ -117,7 +121,7 @@ function meters(parent, hello) {
   };
 }
 
-function chart(parent, dimension, truth) {
+function chart(parent, dimension, truth, alone) {
   const unit = dimension.unit ? ` (${dimension.unit})` : "", range = { low: dimension.low, high: dimension.high };
   const { words, canvas } = figure(parent, "chart", "", "");
   const name = words.parentElement.firstChild;
@@ -127,7 +131,7 @@ function chart(parent, dimension, truth) {
   return (frame, past, index) => {
     const own = short(frame.model[index]);
     words.textContent = truth ? `truth ${short(frame.truth[index])}, model ${own}` : own;
-    drawChart(canvas, past, index, range);
+    drawChart(canvas, past, index, range, alone ? 150 : 92);
   };
 }
 

@@ -18,7 +18,6 @@ from jaxtyping import Float64, UInt64
 from addressed_dynamics.base.errors import LogError
 from addressed_dynamics.base.files import atomic_path, write_json
 from addressed_dynamics.base.processes import OrderedMap, worker_processes
-from addressed_dynamics.envs import LEARNED
 from addressed_dynamics.episodes.bounds import display_range
 from addressed_dynamics.episodes.coverage import Occupancy, count_duplicates, first_duplicate, row_fingerprints
 from addressed_dynamics.episodes.findings import Finding, find, findings_to_json, refuse_useless
@@ -29,7 +28,7 @@ from addressed_dynamics.episodes.quality import Fences, Place, Quality, Tally, o
 from addressed_dynamics.episodes.splits import file_names
 from addressed_dynamics.episodes.statistics import Moments, Sample, column_names, column_values, moments_to_json
 from addressed_dynamics.episodes.summary import data_report, split_sizes, write_learner_curve
-from addressed_dynamics.episodes.transitions import SpaceSpec, Transitions
+from addressed_dynamics.episodes.transitions import LEARNED, SpaceSpec, Transitions
 from addressed_dynamics.logs import EpisodeRecord, LogContents, read_episodes
 from addressed_dynamics.sources.transitions.numbering import NumberedLog, renumber, unique_numbers
 from addressed_dynamics.sources.transitions.params import ConvertParams

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -110,23 +111,57 @@ def closed_loop(predictors: Mapping[str, MotionPredictor], scripts: Sequence[Scr
     alive = np.ones(rows, np.bool_)
     with torch.inference_mode(), single_thread():
         for frame in range(frames):
-            following = follow(state, _at(commands, frame))
-            phase = _phase(following)
-            y = _predict(predictors, len(scripts), inputs(following), phase)
-            alive &= (np.abs(y) <= FARTHEST).all(axis=1)
-            y[~alive] = 0.0
-            posed = pose(following, y)
-            alive &= _reach(posed) <= FARTHEST
-            if alive.all():
-                recorder.record(frame, posed, y, phase, alive)
-                state = advance(posed, y)
-            else:
-                recorder.record(frame, keep(state, posed, alive), y, phase, alive)
-                state = keep(state, advance(posed, y), alive)
+            seen = loop_frame(predictors, state, _at(commands, frame), alive)
+            recorder.record(frame, seen.shown, seen.y, seen.phase, seen.alive)
+            state, alive = seen.after, seen.alive
     return {
         name: recorder.trace(tuple(scripts), slice(index * len(scripts), (index + 1) * len(scripts)))
         for index, name in enumerate(predictors)
     }
+
+
+class LoopFrame(NamedTuple):
+    """What one frame of the closed loop makes of runs."""
+
+    x: Float64[np.ndarray, "run 342"]
+    """What the predictors were given."""
+    y: Float64[np.ndarray, "run 311"]
+    """What they answered; 0 of dead runs."""
+    phase: Float32[np.ndarray, " run"]
+    """What they were told of the phase."""
+    alive: Bool[np.ndarray, " run"]
+    """Which runs live."""
+    shown: State
+    """Where everybody is in this frame; a dead run stays where it was."""
+    after: State
+    """Where the next frame begins."""
+
+
+def loop_frame(
+    predictors: Mapping[str, MotionPredictor], state: State, commands: Commands, alive: Bool[np.ndarray, " run"]
+) -> LoopFrame:
+    """Advance runs by a frame, each as if it were alone.
+
+    Args:
+        predictors: the models, each of which moves as many runs as the others, in this order.
+        state: where the runs are.
+        commands: what is asked of them.
+        alive: which of them live.
+
+    Raises:
+        EvaluationError: a predictor returns another shape.
+    """
+    following = follow(state, commands)
+    x, phase = inputs(following), _phase(following)
+    y = _predict(predictors, len(alive) // len(predictors), x, phase)
+    living = alive & (np.abs(y) <= FARTHEST).all(axis=1)
+    y[~living] = 0.0
+    posed = pose(following, y)
+    living &= _reach(posed) <= FARTHEST
+    after = advance(posed, y)
+    if living.all():
+        return LoopFrame(x, y, phase, living, posed, after)
+    return LoopFrame(x, y, phase, living, keep(state, posed, living), keep(state, after, living))
 
 
 class _Recorder:
