@@ -8,8 +8,9 @@ from driven import write_drift
 from trusted_models import write_models
 
 from addressed_dynamics.base.errors import DriveError, ModelError
+from addressed_dynamics.base.params.recording import EnvironmentParams
 from addressed_dynamics.cli import main as cli
-from addressed_dynamics.drive.finding import Named, environment_of, find
+from addressed_dynamics.drive.finding import Named, environment_of, find, made
 from addressed_dynamics.drive.transitions import DrivenWorld
 from addressed_dynamics.envs import ACROBOT, CONTINUING_MOUNTAIN_CAR
 
@@ -36,6 +37,14 @@ def test_the_params_of_an_experiment_name_its_environment(tmp_path: Path) -> Non
         named = find(name, repository / "params.yaml", WHICH, tmp_path)
         found[named.title] = named.environments[0].id
     assert found == {"MountainCar": CONTINUING_MOUNTAIN_CAR, "Acrobot": ACROBOT}
+    assert named.environments[0].kwargs == {"time_step": 0.02}
+
+
+def test_no_limit_of_time_ends_what_a_person_drives() -> None:
+    limited = EnvironmentParams(id=ACROBOT, kwargs={"ends_at_goal": False, "max_episode_steps": 3})
+    with made(limited) as environment:
+        environment.reset(seed=0)
+        assert not any(environment.step(1)[3] for _ in range(1100))
 
 
 def test_nothing_of_that_name_is_said_with_what_there_is(tmp_path: Path) -> None:

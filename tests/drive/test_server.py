@@ -193,6 +193,29 @@ def test_a_drive_that_cannot_begin_says_why(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
+def test_a_drive_that_fails_says_so_and_leaves_the_others_alone(tmp_path: Path) -> None:
+    told: list[str] = []
+    world = driven("car", environment=CAR_ENVIRONMENT)
+
+    def make(number: int) -> Any:
+        session = world.session(number, tmp_path)
+        if number == 0:
+            session.step = lambda: 1 / 0  # type: ignore[method-assign, return-value]
+        return session
+
+    async def use() -> None:
+        application = DriveServer(make, told.append).application()
+        async with TestServer(application, host="127.0.0.1") as running, aiohttp.ClientSession() as client:
+            here = Here(running, client, [])
+            page, other = await here.page(), await here.page()
+            assert "has failed (ZeroDivisionError: division by zero)" in (await heard(page, "fatal"))["message"]
+            assert (await page.receive(timeout=20)).type in {aiohttp.WSMsgType.CLOSE, aiohttp.WSMsgType.CLOSED}
+            await heard(other, "frame", step=2)
+
+    asyncio.run(use())
+    assert told == ["a drive has failed (ZeroDivisionError: division by zero)"]
+
+
 def test_a_port_in_use_is_named_with_what_to_do(tmp_path: Path) -> None:
     world = driven("car")
     with socket.socket() as taken:

@@ -22,6 +22,7 @@ from addressed_dynamics.sources.transitions.params import EnvironmentRollouts
 
 MODELS = Path("data/models")
 """Where the pipeline keeps the models of experiments."""
+LIMIT = "max_episode_steps"
 UNLIMITED = -1
 """What Gymnasium takes for no limit of time: a person says when an episode is over."""
 
@@ -87,9 +88,14 @@ def _section(params: Path, name: str, kind: str) -> Any:
 def _environments(section: Any) -> Iterator[EnvironmentParams]:
     rollouts = section.evaluation.rollouts
     if isinstance(rollouts, EnvironmentRollouts):
-        yield rollouts.environment
+        yield _without_limit(rollouts.environment)
     for segment in section.record.segments if section.record else ():
-        yield segment.environment
+        yield _without_limit(segment.environment)
+
+
+def _without_limit(params: EnvironmentParams) -> EnvironmentParams:
+    kwargs = {name: value for name, value in params.kwargs.items() if name != LIMIT}
+    return EnvironmentParams(id=params.id, kwargs=kwargs)
 
 
 def environment_of(named: Named, spaces: SpaceSpec, wanted: str | None) -> EnvironmentParams | None:
@@ -130,8 +136,7 @@ def made(params: EnvironmentParams) -> Environment:
     Raises:
         RecordingError: it cannot be made.
     """
-    kwargs = {**params.kwargs, "max_episode_steps": UNLIMITED}
-    return make_environment(EnvironmentParams(id=params.id, kwargs=kwargs))
+    return make_environment(EnvironmentParams(id=params.id, kwargs={**params.kwargs, LIMIT: UNLIMITED}))
 
 
 def same_world(found: SpaceSpec, spaces: SpaceSpec) -> bool:

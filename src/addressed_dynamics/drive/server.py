@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import errno
 import json
 import signal
@@ -103,22 +102,18 @@ class DriveServer:
             await _send(socket, [_fatal(str(error))])
             await socket.close()
             return
-        await _send(socket, [session.hello(), session.reset()])
-        changed = asyncio.Event()
-        ticking = asyncio.create_task(_tick(socket, session, changed))
         try:
-            async for message in socket:
-                if message.type is WSMsgType.TEXT:
-                    await _send(socket, session.hear(message.data))
-                    changed.set()
-                else:
-                    await _send(socket, [{"type": "refused", "message": "messages are text, but this one is not"}])
-        except ConnectionError:
+            await _send(socket, [session.hello(), session.reset()])
+            await _listen_to(socket, session)
+        except* ConnectionError:
             pass  # the page has left while it was answered
+        except* Exception as errors:
+            # Of this drive alone: the others go on.
+            words = "; ".join(f"{type(each).__name__}: {each}" for each in errors.exceptions)
+            self._tell(f"a drive has failed ({words})")
+            await _send(socket, [_fatal(f"The drive has failed ({words}). Reload this page to start anew.")])
+            await socket.close()
         finally:
-            ticking.cancel()
-            with contextlib.suppress(asyncio.CancelledError, ConnectionError):
-                await ticking
             self._close(session)
 
     def _close(self, session: Session) -> None:
@@ -133,6 +128,20 @@ class DriveServer:
     async def _leave(self, _application: web.Application) -> None:
         for socket in list(self._sockets):
             await socket.close(code=WSCloseCode.GOING_AWAY, message=b"the server was stopped")
+
+
+async def _listen_to(socket: web.WebSocketResponse, session: Session) -> None:
+    """Do what a page says while its drive goes on, until it leaves."""
+    changed = asyncio.Event()
+    async with asyncio.TaskGroup() as group:
+        ticking = group.create_task(_tick(socket, session, changed))
+        async for message in socket:
+            if message.type is WSMsgType.TEXT:
+                await _send(socket, session.hear(message.data))
+                changed.set()
+            else:
+                await _send(socket, [{"type": "refused", "message": "messages are text, but this one is not"}])
+        ticking.cancel()
 
 
 async def _tick(socket: web.WebSocketResponse, session: Session, changed: asyncio.Event) -> None:

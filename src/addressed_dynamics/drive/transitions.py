@@ -360,5 +360,5 @@ def _model_words(model: AddressedDynamics) -> str:
 
 
 def _environment_words(environment: EnvironmentParams) -> str:
-    kwargs = ", ".join(f"{name} {value}" for name, value in environment.kwargs.items() if name != "max_episode_steps")
+    kwargs = ", ".join(f"{name} {value}" for name, value in environment.kwargs.items())
     return f"{environment.id}{f' ({kwargs})' if kwargs else ''}"
