@@ -14,8 +14,7 @@ from addressed_dynamics.drive.session import Session
 from addressed_dynamics.logs import read_log
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium, in which the page would be looked at")
-MOST_FRAMES_LATE = 10
-"""Of a second's sixty: 'frames arrive at 50 Hz or more'."""
+COUNT = "[window.drive.frames, window.drive.drawn, performance.now() / 1000]"
 PIXELS = "[...document.querySelectorAll('#truth, #model')].map((each) => each.toDataURL())"
 
 
@@ -91,25 +90,26 @@ def test_a_character_walks_and_both_pictures_change(tmp_path: Path) -> None:
     look(lambda _number: walker(tmp_path), use)
 
 
-def test_sixty_steps_a_second_arrive_and_are_drawn(tmp_path: Path) -> None:
+def test_frames_arrive_at_fifty_a_second_or_more(tmp_path: Path) -> None:
     world = driven("car", environment=CAR_ENVIRONMENT)
     fastest = """(() => { const speed = document.getElementById('speed');
         speed.value = 1; speed.dispatchEvent(new Event('input')); })()"""
-    count = "new Promise((done) => setTimeout(() => done([window.drive.frames, window.drive.drawn]), 1000))"
+    second = "new Promise((done) => setTimeout(() => done(1), 1000)).then(() => " + COUNT + ")"
 
     async def use(page: Page, _here: str) -> None:
         await page.until("window.drive.drawn > 2")
         await page.value(fastest)
         await page.until("document.getElementById('speed-words').textContent.startsWith('60 steps/s')")
-        best = 0
+        best, drawn = 0.0, 0
         # A machine that does something else meanwhile may be late once, not five times.
         for _ in range(5):
-            before = await page.value("[window.drive.frames, window.drive.drawn]")
-            after = await page.value(count)
-            best = max(best, min(now - then for now, then in zip(after, before, strict=True)))
-            if best >= 60 - MOST_FRAMES_LATE:
+            before, after = await page.value(COUNT), await page.value(second)
+            best = max(best, (after[0] - before[0]) / (after[2] - before[2]))
+            drawn = max(drawn, after[1] - before[1])
+            if best >= 50:
                 break
-        assert best >= 60 - MOST_FRAMES_LATE
+        assert best >= 50
+        assert drawn > 10
 
     look(lambda number: world.session(number, tmp_path), use)
 

@@ -8,10 +8,11 @@ import pytest
 from driven import CAR_ENVIRONMENT, driven, say, session_of, steps
 
 from addressed_dynamics.base.errors import DriveError, LogError
-from addressed_dynamics.drive.recorder import DriveRecorder, driven_by_hand
+from addressed_dynamics.base.params.recording import EnvironmentParams
+from addressed_dynamics.drive.recorder import DriveRecorder, Recorded, _unused, driven_by_hand
 from addressed_dynamics.envs import CONTINUING_MOUNTAIN_CAR, LEARNED, mountain_car_step
 from addressed_dynamics.episodes.parquet import load_transitions
-from addressed_dynamics.logs import read_log
+from addressed_dynamics.logs import TransitionLogWriter, read_log, recover_log
 from addressed_dynamics.sources.transitions.conversion import convert_recording
 from addressed_dynamics.sources.transitions.params import ConvertParams
 
@@ -41,7 +42,10 @@ def test_the_truth_is_recorded_and_converted_as_any_log(tmp_path: Path) -> None:
     contents = read_log(log)
     found = contents.transitions
     assert (contents.run.environment, contents.run.behaviour) == (CONTINUING_MOUNTAIN_CAR, "driven")
-    assert [(each.length, each.ended) for each in contents.episodes] == [(12, "cut")] * 12
+    # The world was reset with 3 when the drive began, and counts up.
+    assert [(each.length, each.ended, each.seed) for each in contents.episodes] == [
+        (12, "cut", seed) for seed in range(3, 15)
+    ]
     np.testing.assert_array_equal(found.action, np.repeat(np.arange(12) % 3, 12))
     np.testing.assert_array_equal(found.step, np.tile(np.arange(12), 12))
     after = mountain_car_step(found.observation.astype(np.float64), found.action)
@@ -96,6 +100,21 @@ def test_a_recording_may_begin_within_an_episode_and_be_of_many_frames(tmp_path:
     np.testing.assert_array_equal(found.episode, [0, 0, 1, 1, 1])
 
 
+def test_an_environment_that_ends_an_episode_ends_it_in_the_log(tmp_path: Path) -> None:
+    hill = EnvironmentParams(id="MountainCar-v0")
+    session = session_of(driven("car", environment=hill), tmp_path)
+    say(session, "record")
+    while not (frame := steps(session, 1)[0])["ended"]:
+        say(session, "act", action=2 if frame["truth"][1] >= 0 else 0)
+    steps(session, 3)
+    say(session, "reset")
+    steps(session, 2)
+    contents = read_log(recorded(say(session, "stop")))
+    assert [each.ended for each in contents.episodes] == ["terminated", "cut"]
+    assert contents.episodes[0].length == frame["step"] == len(contents.transitions) - 2
+    assert contents.transitions.next_observation[frame["step"] - 1, 0] >= 0.5
+
+
 def test_no_recording_takes_the_place_of_another(tmp_path: Path) -> None:
     session = session_of(driven("car", environment=CAR_ENVIRONMENT), tmp_path)
     logs = []
@@ -141,18 +160,38 @@ def test_a_disk_that_is_full_is_told_and_the_drive_goes_on(tmp_path: Path, monke
     say(session, "record")
     refusal, ended, frame = session.tick()
     assert "recording ended: [Errno 28] No space left on device" in refusal["message"]
-    assert (ended["type"], ended["on"], frame["step"]) == ("recording", False, 1)
+    assert (ended, frame["step"]) == ({"type": "recording", "on": False}, 1)
     assert [each["type"] for each in session.tick()] == ["frame"]
     assert session.close() is None
 
 
+def test_a_log_that_cannot_be_completed_is_told_with_what_saves_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session = session_of(driven("car", environment=CAR_ENVIRONMENT), tmp_path)
+    say(session, "record")
+    steps(session, 3)
+    say(session, "reset")
+    steps(session, 2)
+
+    def refuse(*_arguments: object) -> None:
+        raise LogError("the disk is full")
+
+    monkeypatch.setattr(TransitionLogWriter, "close", refuse)
+    refusal, ended = say(session, "stop")
+    assert "recording ended: the disk is full; 'addressed-dynamics recover" in refusal["message"]
+    assert "saves 5 transitions" in refusal["message"]
+    assert ended == {"type": "recording", "on": False}
+    (unfinished,) = tmp_path.iterdir()
+    assert unfinished.name.endswith(".mcap.partial")
+    assert recover_log(unfinished, tmp_path / "saved.mcap").transitions == 5
+
+
 def test_numbers_that_are_none_end_a_recording(tmp_path: Path) -> None:
     session = session_of(driven("car", environment=CAR_ENVIRONMENT), tmp_path)
-    recorder = DriveRecorder(tmp_path, session.recorder._spaces)  # type: ignore[union-attr]
+    recorder = DriveRecorder(tmp_path, session.recorder._spaces)
     recorder.start(driven_by_hand("Some-v0", {}))
     state = np.float32([0, 0])
-    from addressed_dynamics.drive.recorder import Recorded
-
     with pytest.raises(DriveError, match="recording ended: a number in this step is not finite"):
         recorder.add(Recorded(0, state, 0, 0.0, np.float32([np.nan, 0])))
     assert not recorder.recording
@@ -160,6 +199,4 @@ def test_numbers_that_are_none_end_a_recording(tmp_path: Path) -> None:
 
 def _stem(folder: Path) -> str:
     """Return the name that a recording would have that began now, and a second later."""
-    from addressed_dynamics.drive.recorder import _unused
-
     return _unused(folder, driven_by_hand("Some-v0", {})).stem

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 from pathlib import Path
 
 from addressed_dynamics.base.errors import DriveError
@@ -11,6 +12,8 @@ from addressed_dynamics.drive.transitions import DrivenWorld
 
 RECORDINGS = Path("data/driven")
 """Where recordings go if nobody says."""
+STARTS = 2**32
+"""Seeds between those of two pages: each start of a page takes the next one."""
 
 
 def drive_in_page(
@@ -21,6 +24,7 @@ def drive_in_page(
     candidate: str | None,
     environment: str | None,
     record_to: Path | None,
+    seed: int | None,
 ) -> None:
     """Serve a page until Ctrl-C.
 
@@ -31,6 +35,7 @@ def drive_in_page(
         candidate: which of the models; None for what is delivered.
         environment: Gymnasium identifier of what is modelled; None to look for it.
         record_to: folder for recordings; None for one named as the models are.
+        seed: of the first start of the first page; None for one by chance.
 
     Raises:
         DriveError: there is nothing of that name, aiohttp is missing, or the port is in use.
@@ -46,7 +51,8 @@ def drive_in_page(
     named = find(name, params, candidate)
     driven = _load(named, candidate, environment)
     folder = record_to or RECORDINGS / named.folder.resolve().name
-    serve(lambda page: driven.session(page, folder), PORT if port is None else port, _say)
+    first = secrets.randbits(32) if seed is None else seed
+    serve(lambda page: driven.session(first + page * STARTS, folder), PORT if port is None else port, _say)
 
 
 def _load(named: Named, candidate: str | None, environment: str | None) -> DrivenWorld | DrivenMotion:

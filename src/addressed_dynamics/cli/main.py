@@ -227,13 +227,16 @@ def drive(
     record_to: Annotated[
         Path | None, typer.Option(metavar="FOLDER", help="Where recordings go; data/driven/NAME by default.")
     ] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, max=2**32, help="Of the first start; by chance by default.")
+    ] = None,
     file: Annotated[Path, typer.Option("--params", help="The params file.")] = Path("params.yaml"),
 ) -> None:
     """Drive a model by hand in a page on 127.0.0.1, beside the truth where there is an environment, until Ctrl-C."""
     # PyTorch and aiohttp take seconds to import, and no other command needs both.
     from addressed_dynamics.cli.driving import drive_in_page
 
-    drive_in_page(name, file, port=port, candidate=candidate, environment=environment, record_to=record_to)
+    drive_in_page(name, file, port=port, candidate=candidate, environment=environment, record_to=record_to, seed=seed)
 
 
 def _add(file: Path, name: str, entries: dict[str, str], section: str) -> None:

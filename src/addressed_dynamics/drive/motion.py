@@ -143,12 +143,11 @@ class MotionSession(Session):
             "members": 1 if model.mode == "phase" else model.networks.members,
             "step_seconds": self.step_seconds,
             "rate": self.rate,
-            "recordable": True,
         }
 
     def reset(self) -> Said:
         """Let everybody stand at the origin in the mean pose, looking along z."""
-        self.end_episode()
+        self.begin_episode(None)
         self._step, self._facing, self._asked = 0, 1.0 + 0.0j, Command(type="command")
         self._alive[:] = True
         self._state = self._shown = reset(self._start, np.ones(len(self._alive), np.complex128))
@@ -217,7 +216,6 @@ class MotionSession(Session):
             {
                 "joints": plain(joints[run].reshape(-1).round(1), 6),
                 "root": plain([self._shown.root[run].imag, self._shown.root[run].real], 6),
-                "facing": round(float(np.angle(self._shown.heading[run])), 4),
                 "touching": [] if seen is None else (seen.y[run, OUTPUT.contact] > _TOUCHES).tolist(),
                 "speed": round(_speed(self._shown, run), 3),
                 "alive": bool(self._alive[run]),
@@ -229,9 +227,10 @@ class MotionSession(Session):
             "step": self._step,
             "bodies": bodies,
             "command": plain([command.imag, command.real], 5),
+            "facing": round(cmath.phase(self._facing), 4),
             "weights": None if seen is None else self._weights(seen),
             "ended": "",
-            "recorded": self.recorder.count if self.recorder and self.recorder.recording else None,
+            "recorded": self.recorder.count if self.recorder.recording else None,
         }
 
     def _weights(self, seen: LoopFrame) -> list[float | None] | None:

@@ -66,6 +66,7 @@ class DriveRecorder:
         self._run: RunInfo | None = None
         self._episode = 0
         self._in_episode = False
+        self._seed: int | None = None
 
     @property
     def recording(self) -> bool:
@@ -119,17 +120,20 @@ class DriveRecorder:
         except (LogError, OSError) as error:
             raise self._failed(error) from error
 
-    def end_episode(self) -> None:
-        """End the episode, which was not over; does nothing if none is recorded.
+    def begin_episode(self, seed: int | None) -> None:
+        """Let the next transition begin an episode; one that was not over is cut.
+
+        Args:
+            seed: what the world was reset with, if there is such a thing.
 
         Raises:
             DriveError: the log cannot be written.
         """
-        if self._in_episode:
-            try:
-                self._end(cut=True)
-            except LogError as error:
-                raise self._failed(error) from error
+        try:
+            self._end(cut=True)
+        except LogError as error:
+            raise self._failed(error) from error
+        self._seed = seed
 
     def stop(self) -> tuple[Path, int] | None:
         """Complete the log.
@@ -140,19 +144,23 @@ class DriveRecorder:
         Raises:
             DriveError: the log cannot be written.
         """
-        writer, self._writer, self._run = self._writer, None, None
+        writer = self._writer
         if writer is None:
+            self._run = None
             return None
         try:
+            self._end(cut=True)
             writer.close()
         except LogError as error:
-            message = f"recording ended: {error}"
-            raise DriveError(message) from error
+            raise self._failed(error) from error
+        self._writer = self._run = None
         return writer.path, writer.count
 
     def _end(self, *, cut: bool) -> None:
-        assert self._writer is not None
-        self._writer.end_episode(None, cut=cut)
+        """End the episode of the last transition; does nothing if none was recorded since an end."""
+        if self._writer is None or not self._in_episode:
+            return
+        self._writer.end_episode(self._seed, cut=cut)
         self._episode += 1
         self._in_episode = False
 

@@ -21,6 +21,8 @@ SLOWEST = 0.5
 
 Said = dict[str, Any]
 """A message to the page."""
+NO_RECORDING: Said = {"type": "recording", "on": False}
+"""What a page is told when a recording has ended because it failed."""
 
 
 class Session(ABC):
@@ -29,16 +31,16 @@ class Session(ABC):
     step_seconds: float
     """Simulated time of a step."""
 
-    def __init__(self, recorder: DriveRecorder | None) -> None:
-        """Begin a drive that is not paused, at the speed at which it would happen.
+    def __init__(self, recorder: DriveRecorder) -> None:
+        """Begin a drive that is not paused, at the speed at which it would happen, or as near to that as one can look.
 
         Args:
-            recorder: what may record it; None if that cannot be recorded.
+            recorder: what may record it.
         """
         self.recorder = recorder
         self.paused = False
         self._notices = list[Said]()
-        self.rate = min(FASTEST, 1.0 / self.step_seconds)
+        self.rate = min(FASTEST, max(SLOWEST, 1.0 / self.step_seconds))
         """Steps in a second."""
 
     @abstractmethod
@@ -69,17 +71,15 @@ class Session(ABC):
         """Record a transition if it is to be; if that fails, the page is told and the drive goes on."""
         self._try_to_record(lambda recorder: recorder.add(each))
 
-    def end_episode(self) -> None:
+    def begin_episode(self, seed: int | None) -> None:
         """Let a recording know that the next transition does not follow the last."""
-        self._try_to_record(lambda recorder: recorder.end_episode())
+        self._try_to_record(lambda recorder: recorder.begin_episode(seed))
 
     def _try_to_record(self, do: Callable[[DriveRecorder], None]) -> None:
-        if self.recorder is None:
-            return
         try:
             do(self.recorder)
         except DriveError as error:
-            self._notices += [refused(error), recorded(None)]
+            self._notices += [refused(error), NO_RECORDING]
 
     def tick(self) -> list[Said]:
         """Make a step, and return what there is to tell of it."""
@@ -92,7 +92,7 @@ class Session(ABC):
 
     def close(self) -> Path | None:
         """End the drive; return the log that was open, which is complete."""
-        done = self.recorder.stop() if self.recorder else None
+        done = self.recorder.stop()
         return done[0] if done else None
 
     def hear(self, text: str) -> list[Said]:
@@ -117,18 +117,18 @@ class Session(ABC):
             case Plain(type="reset"):
                 return [self.reset()]
             case Plain(type="record"):
-                self._recorder().start(self.run_info())
+                self.recorder.start(self.run_info())
                 return [{"type": "recording", "on": True}]
             case Plain(type="stop"):
-                return [recorded(self._recorder().stop())]
+                return self._stop_recording()
             case _:
                 return [self.take(message)]
 
-    def _recorder(self) -> DriveRecorder:
-        if self.recorder is None:
-            message = "a drive of motion is not recorded: logs hold transitions"
-            raise DriveError(message)
-        return self.recorder
+    def _stop_recording(self) -> list[Said]:
+        try:
+            return [recorded(self.recorder.stop())]
+        except DriveError as error:
+            return [refused(error), NO_RECORDING]
 
     def _status(self) -> Said:
         return {"type": "status", "paused": self.paused, "rate": self.rate}

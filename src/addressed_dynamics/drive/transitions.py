@@ -121,12 +121,11 @@ class TransitionsSession(Session):
             "coverage": COVERAGE if driven.calibrated is not None and driven.calibrated.covers else None,
             "step_seconds": self.step_seconds,
             "rate": self.rate,
-            "recordable": True,
         }
 
     def reset(self) -> Said:
         """Start anew: where the environment does, or at a recorded state."""
-        self.end_episode()
+        self.begin_episode(self._seed)
         self._step, self._ended = 0, ""
         self._action = self._neutral
         if self._truth is not None:
@@ -271,7 +270,7 @@ class TransitionsSession(Session):
             "action": int(self._action) if self._action.ndim == 0 else plain(self._action),
             "exogenous": exogenous,
             "ended": self._ended,
-            "recorded": self.recorder.count if self.recorder and self.recorder.recording else None,
+            "recorded": self.recorder.count if self.recorder.recording else None,
         }
 
     def _shown_exogenous(self) -> list[float | None]:

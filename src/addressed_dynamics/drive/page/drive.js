@@ -35,7 +35,6 @@ const HEARD = {
     view = (message.kind === "motion" ? motionView : transitionsView)(message, held, say, notice);
     part("subtitle").textContent = view.subtitle;
     part("help").append(...view.help);
-    part("record").hidden = !message.recordable;
     part("sync").hidden = !message.environment;
     status(false, message.rate);
     setSpeed(message.rate);
@@ -54,9 +53,7 @@ const HEARD = {
     part("record-words").textContent = message.on ? "Recording" : "Record";
     if (message.on) notice(view.recordedWhat, "said");
     else if (message.path) notice(`${message.count} steps are in ${message.path}`, "good");
-    else if (message.path === null && message.count === 0 && !part("notice").textContent.startsWith("recording ended")) {
-      notice("Nothing was recorded", "said");
-    }
+    else if (message.count === 0) notice("Nothing was recorded", "said");
   },
   fatal: (message) => stopped(message.message),
 };

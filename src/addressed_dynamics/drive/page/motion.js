@@ -6,7 +6,7 @@ import { gamepad, holdButton } from "./hands.js";
 const SIDE = 340, HEIGHT = 264; // of a picture as it was designed, in pixels
 const TILE = 80, STAGE = 150, MIDDLE = 74; // cm
 const DISTANCE = 900, SCALE = 1.15, ELEVATION = (16 * Math.PI) / 180;
-const BEHIND = Math.PI - 0.5; // from where one faces to where the camera is
+const BEHIND = Math.PI - 0.5; // from where a person looks, and the stick is seen from, to where the camera is
 const ARROW_FRAMES = 24, TRACE_FRAMES = 120;
 const LIMBS = [["UpLeg", "Leg", 9.5], ["Leg", "Foot", 8], ["Foot", "ToeBase", 6.5], ["Arm", "ForeArm", 7], ["ForeArm", "Hand", 6], ["Hand", "HandIndex1", 5]];
 const CONTACTS = ["LeftFoot", "LeftToeBase", "RightFoot", "RightToeBase"];
@@ -38,7 +38,7 @@ export function motionView(hello, held, say) {
         told = "";
         people.forEach((each) => (each.trace = []));
       }
-      frame.bodies.forEach((body, index) => people[index].see(body, skeleton));
+      frame.bodies.forEach((body, index) => people[index].see(body, frame.facing, skeleton));
     },
 
     draw(frame) {
@@ -64,11 +64,11 @@ function person(parent, title, index) {
   return {
     trace: [],
 
-    see(body, skeleton) {
+    see(body, facing, skeleton) {
       const root = [body.root[0], MIDDLE, body.root[1]];
       const glide = (from, to) => from + 0.12 * (to - from);
       middle = this.trace.length && middle ? middle.map((value, i) => glide(value, root[i])) : root;
-      const wanted = body.facing + BEHIND;
+      const wanted = facing + BEHIND;
       azimuth = this.trace.length && azimuth !== null
         ? azimuth + 0.06 * (((((wanted - azimuth + Math.PI) % (2 * Math.PI)) + 2 * Math.PI) % (2 * Math.PI)) - Math.PI)
         : wanted;
