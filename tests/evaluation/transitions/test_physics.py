@@ -18,6 +18,7 @@ from addressed_dynamics.evaluation.transitions.truth import TrueRollouts, replay
 from addressed_dynamics.sources.transitions.params import RecordedRollouts
 
 PARAMS = RecordedRollouts(kind="recorded", episodes=20, steps=900, seed=0, physics="acrobot")
+SCALE = np.array([2.0, 2.0, 2.0, 2.0, 8 * np.pi, 18 * np.pi])
 
 
 @dataclass
@@ -56,14 +57,14 @@ def truth() -> TrueRollouts:
 
 @lru_cache
 def simulated() -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    record, rows = evaluate_simulations(PARAMS, truth(), recording().spec)
+    record, rows = evaluate_simulations(PARAMS, truth(), recording().spec, SCALE)
     assert record is not None
     return record["simulations"], rows
 
 
 def judged(model: Any) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     predicted = free_run(model, truth(), "argmax")
-    return evaluate_rollouts("ensemble/argmax", predicted, truth(), recording().spec, physics=True)
+    return evaluate_rollouts("ensemble/argmax", predicted, truth(), recording().spec, SCALE, physics=True)
 
 
 def exact(error: float = 0.0) -> Simulator:
@@ -172,14 +173,16 @@ def test_without_physics_nothing_is_simulated() -> None:
     world = drive((40, 30))
     plain = RecordedRollouts(kind="recorded", episodes=2, steps=10, seed=0)
     rollouts = replay_recorded(plain, world, 1, dict.fromkeys(world.episode.tolist(), "driving"))
-    assert evaluate_simulations(plain, rollouts, world.spec) == (None, [])
+    assert evaluate_simulations(plain, rollouts, world.spec, np.ones(2)) == (None, [])
 
 
 def refusal(world: Transitions) -> str:
     segments = dict.fromkeys(world.episode.tolist(), "somewhere")
     params = PARAMS.model_copy(update={"steps": 20})
     with pytest.raises(EvaluationError) as caught:
-        evaluate_simulations(params, replay_recorded(params, world, 1, segments), world.spec)
+        evaluate_simulations(
+            params, replay_recorded(params, world, 1, segments), world.spec, np.ones(len(world.spec.observation))
+        )
     message = str(caught.value)
     assert "\n" not in message
     return message

@@ -222,7 +222,8 @@ def test_short_rollouts_have_a_table_of_errors_against_the_horizon_too(steps: in
     world = swing((300, 310))
     model = untrained_model(world)
     truth = replay(world, steps=steps)
-    _, rows = evaluate_rollouts("ensemble/argmax", predicted(model, truth), truth, world.spec, physics=False)
+    found, scale = predicted(model, truth), np.array(model.features.scale)
+    _, rows = evaluate_rollouts("ensemble/argmax", found, truth, world.spec, scale, physics=False)
     assert [row["horizon"] for row in rows] == list(horizons)
     assert all(left["horizon"] < right["horizon"] for left, right in pairwise(rows))
 

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from addressed_dynamics.evaluation.common.bootstrap import Ratio, ratio_of_medians, ratio_of_sums
 from addressed_dynamics.evaluation.transitions.points import Points
-from addressed_dynamics.evaluation.transitions.rollouts import finite
+from addressed_dynamics.evaluation.transitions.rollouts import squared_errors
 from addressed_dynamics.evaluation.transitions.truth import TrueRollouts
 
 
@@ -97,7 +97,7 @@ def paired_errors(
         name: np.bincount(place, weights=each.to(torch.float64).numpy(), minlength=len(episode))
         for name, each in losses.items()
     }
-    errors = {name: ((finite(states) - truth.states[:, 1:]) ** 2).mean(axis=1) for name, states in predicted.items()}
+    errors = {name: squared_errors(states, truth).mean(axis=1) for name, states in predicted.items()}
     own = np.arange(len(truth.states)) if truth.episode is None else truth.episode
     return PairedErrors(episode, samples, sums, own, errors)
 

@@ -185,6 +185,8 @@ class RatioResult(Record):
 class ErrorAfter(Record):
     """The errors of a candidate after so many steps of its own predictions, over the rollouts on held-out episodes."""
 
+    name: str = ""
+    """What the table of measures calls it."""
     steps: int
     """The last of which is judged alone."""
     rollouts: int

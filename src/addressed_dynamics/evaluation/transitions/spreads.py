@@ -1,6 +1,6 @@
 """Spreads over the episodes of rollouts: of whole rollouts, and at each horizon."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,11 @@ HORIZON_STEP = 10
 """Most steps between two rows of the table of errors against the horizon."""
 HORIZON_ROWS = 20
 """Rows that this table has at least, if the rollouts have as many steps."""
+
+ERROR = "error_%"
+"""Column of root mean square errors over the dimensions of the state, in % of the range; no dimension is called so."""
+INTERVAL = "interval_%"
+"""Column of the half widths of 90 % intervals, put together and in the unit of `ERROR`: of the median rollout."""
 
 
 def against_horizon(
@@ -43,6 +48,24 @@ def against_horizon(
             numbers = {name: float(f"{percentile[index]:.4e}") for name, percentile in columns.items()}
             rows.append({"group": group, "horizon": horizon, **numbers})
     return rows
+
+
+def with_intervals(
+    rows: Sequence[Mapping[str, Any]], percent: Float64[np.ndarray, "episode step"], truth: TrueRollouts
+) -> list[dict[str, Any]]:
+    """Return the rows of `against_horizon` with how wide intervals are, where that is known.
+
+    Args:
+        rows: of one model.
+        percent: half widths, root mean squares over the dimensions in % of the range; infinite where none is known.
+        truth: what the rollouts are held against.
+    """
+    medians = {name: np.median(percent[members], axis=0) for name, members in truth.groups.items() if members.any()}
+    return [
+        {**row, **({INTERVAL: float(f"{width:.4e}")} if np.isfinite(width) else {})}
+        for row in rows
+        for width in [medians[row["group"]][row["horizon"] - 1]]
+    ]
 
 
 def spread(values: Float64[np.ndarray, " episode"]) -> dict[str, float]:

@@ -47,6 +47,17 @@ class TrueRollouts:
         """Number of steps in each episode, T."""
         return int(self.states.shape[1]) - 1
 
+    @property
+    def given(self) -> tuple[
+        Float32[np.ndarray, "episode ..."],
+        Int64[np.ndarray, "episode time"] | Float32[np.ndarray, "episode time action"],
+        Float32[np.ndarray, "episode time exogenous"] | None,
+    ]:  # fmt: skip
+        """First states, actions and exogenous inputs, as `AddressedDynamics.rollout` takes them."""
+        frames = self.history_states.astype(np.float32)
+        actions = np.concatenate([self.history_actions, self.actions], axis=1)
+        return frames[:, 0] if frames.shape[1] == 1 else frames, actions, self.exogenous
+
     def select(self, episodes: Sequence[int]) -> TrueRollouts:
         """Return some of the episodes, in this order."""
         rows = list(episodes)
