@@ -188,7 +188,8 @@ def summarise_rollouts(
     per_episode = squared.mean(axis=1)
     groups = {
         name: {
-            "episodes": int(members.sum()),
+            "episodes": int(members.sum()) if truth.episode is None else len(np.unique(truth.episode[members])),
+            "rollouts": int(members.sum()),
             "mse": {
                 dimension.name: spread(per_episode[members, index]) if members.any() else None
                 for index, dimension in enumerate(dimensions)

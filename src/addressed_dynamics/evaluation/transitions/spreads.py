@@ -1,4 +1,4 @@
-"""Spreads over the episodes of rollouts: of whole rollouts, and at each horizon."""
+"""Spreads over rollouts: of whole ones, and at each horizon."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
+from addressed_dynamics.evaluation.common.bootstrap import FEWEST_ROLLOUTS
 from addressed_dynamics.evaluation.transitions.truth import TrueRollouts
 
 HORIZON_STEP = 10
@@ -24,7 +25,8 @@ def against_horizon(
 ) -> list[dict[str, Any]]:
     """Return rows for a table: each value at each horizon (10th, 50th and 90th percentile), over each group.
 
-    Numbers are rounded to five digits: a curve shows no more, and the table is kept with the code.
+    Numbers are rounded to five digits: a curve shows no more, and the table is kept with the code. Of fewer than
+    `FEWEST_ROLLOUTS` there is only the median; the others are None.
 
     Args:
         values: by the name of their columns; of each step of each rollout.
@@ -35,6 +37,7 @@ def against_horizon(
     for group, members in truth.groups.items():
         if not members.any():
             continue
+        known = members.sum() >= FEWEST_ROLLOUTS
         columns = {
             f"{name}_{label}": percentile
             for name, each in values.items()
@@ -45,7 +48,10 @@ def against_horizon(
             )
         }
         for index, horizon in enumerate(range(every, truth.steps + 1, every)):
-            numbers = {name: float(f"{percentile[index]:.4e}") for name, percentile in columns.items()}
+            numbers = {
+                name: float(f"{percentile[index]:.4e}") if known or name.endswith("_p50") else None
+                for name, percentile in columns.items()
+            }
             rows.append({"group": group, "horizon": horizon, **numbers})
     return rows
 
@@ -68,12 +74,13 @@ def with_intervals(
     ]
 
 
-def spread(values: Float64[np.ndarray, " episode"]) -> dict[str, float]:
-    """Return median, mean, 10th and 90th percentile and maximum over episodes."""
+def spread(values: Float64[np.ndarray, " rollout"]) -> dict[str, float | None]:
+    """Return median, mean, 10th and 90th percentile and maximum; of fewer than `FEWEST_ROLLOUTS` no percentiles."""
+    known = len(values) >= FEWEST_ROLLOUTS
     return {
         "median": float(np.median(values)),
         "mean": float(values.mean()),
-        "p10": float(np.quantile(values, 0.1)),
-        "p90": float(np.quantile(values, 0.9)),
+        "p10": float(np.quantile(values, 0.1)) if known else None,
+        "p90": float(np.quantile(values, 0.9)) if known else None,
         "max": float(values.max()),
     }

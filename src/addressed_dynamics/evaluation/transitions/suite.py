@@ -193,6 +193,7 @@ def evaluate_candidates(
         "steps_wanted": rollouts.steps,
         "too_short": dict(truth.too_short),
         "dropped": asdict(truth.dropped),
+        **({"overlapping": True} if truth.overlapping else {}),
         "physics": physics,
         **({"exogenous": names} if names else {}),
     }
