@@ -26,12 +26,14 @@ from addressed_dynamics.evaluation.transitions.candidates import (
     load_pair,
     recorded_change,
 )
+from addressed_dynamics.evaluation.transitions.falling import falling
 from addressed_dynamics.evaluation.transitions.hindsight import evaluate_guesses, evaluate_oracle
-from addressed_dynamics.evaluation.transitions.horizons import median_course
+from addressed_dynamics.evaluation.transitions.horizons import median_course, percent_of_range
 from addressed_dynamics.evaluation.transitions.noise_floor import noise_floor
 from addressed_dynamics.evaluation.transitions.points import Points
 from addressed_dynamics.evaluation.transitions.recommending import deliver, recommend
 from addressed_dynamics.evaluation.transitions.records import Evaluation
+from addressed_dynamics.evaluation.transitions.repeats import repeats
 from addressed_dynamics.evaluation.transitions.rollouts import roll_out, seen_range, squared_errors
 from addressed_dynamics.evaluation.transitions.shifts import record_shifts
 from addressed_dynamics.evaluation.transitions.starting import starts_of
@@ -44,6 +46,7 @@ from addressed_dynamics.evaluation.transitions.suite import (
     figure_arrays,
     held_out,
     pair_arrays,
+    predicted_states,
 )
 from addressed_dynamics.evaluation.transitions.summary import summarise
 from addressed_dynamics.evaluation.transitions.trusting import ASKED, calibrated, half_widths, judge_trust, pair_of
@@ -80,8 +83,9 @@ def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int
     validation = Points.of(load_transitions(tables, split="validation"), model.features)
     found = recommend(candidates, validation, params.rollouts, segments, cores=cores)
     chosen, name = deliver(params.deliver, Choice(ENSEMBLE, first, delivered[first], "argmax"), found)
+    dimensions, scale = model.features.spaces.observation, np.array(model.features.scale)
     errors = {
-        key: median_course(squared_errors(predicted[each], truth), np.array(model.features.scale))
+        key: median_course(squared_errors(predicted[each], truth), scale)
         for key, each in [("model", name), *((each.partition("/")[0], each) for each in predicted)]
     }
     trusted = _trusted(candidates, chosen, points | {"validation": validation}, truth, params, errors)
@@ -89,6 +93,7 @@ def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int
         candidates, points["test"], truth, params.rollouts, loss, predicted, seen_range(points["train"].transitions),
         {} if trusted.half is None else {name: trusted.half},
     )  # fmt: skip
+    used = {each.name: each for each in candidates}
     other = load_other_recipe(models / "baselines", candidates)
     report = {
         "loss": loss,
@@ -112,6 +117,10 @@ def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int
         "recommendation": None if found is None else found[0],
         "choice": {"candidate": name, "why": chosen.why},
         "trust": trusted.record,
+        "repeats": repeats(points["train"], points["test"], predicted_states(used[name], points["test"])),
+        "falling": falling(
+            percent_of_range(squared_errors(predicted[name], truth), scale), truth.states, dimensions, scale
+        ),
     }
     untrained = untrained_ensemble(model.features.inputs, model.features.outputs, recipe, seed=first)
     arrays = figure_arrays(model, untrained, points["test"], truth, predicted["ensemble/argmax"], loss)
@@ -123,8 +132,8 @@ def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int
         arrays |= pair_arrays(network, start, points["test"], loss)
     arrays |= trusted.arrays
     features = model.features
-    scale = dict(zip((each.name for each in features.spaces.observation), features.scale, strict=True))
-    summary = summarise(report, horizon, scale, features.spaces.step_seconds)
+    ranges = dict(zip((each.name for each in dimensions), features.scale, strict=True))
+    summary = summarise(report, horizon, ranges, features.spaces.step_seconds)
     further = further_rows(f"{__package__}.measures", candidates, points["test"])
     Evaluation.model_validate(report)
     return Evaluated(

@@ -356,6 +356,45 @@ class NoiseFloor(Record):
     """Mean absolute value of the noise in each dimension, in its own unit."""
 
 
+class Repeats(Record):
+    """How many test transitions stand in the training data too, and what the delivered model makes of the others."""
+
+    rows: int
+    """Test transitions that were looked for."""
+    among: int
+    """Training transitions that they were looked for among."""
+    exact: int
+    """Those with exactly the state, the action and the exogenous inputs of one of the training."""
+    alike: int
+    """Those and others that differ from one of the training by the rounding of float32."""
+    percent: float
+    """Root mean square error one step ahead, in % of the range."""
+    percent_without: float | None
+    """The same without those that are alike; None if all are."""
+
+
+class FallingPart(Record):
+    """Some steps in a row of the delivered model's rollouts; errors are medians, in % of the range."""
+
+    first_step: int
+    last_step: int
+    percent: float
+    held_share: float
+    """Share of the true states that stand still or are at a bound."""
+    held_percent: float | None
+    """Error there; None if there are none."""
+    free_percent: float | None
+    """Error in all others."""
+
+
+class Falling(Record):
+    """Why the errors of long rollouts fall."""
+
+    highest: FallingPart
+    """Where they are largest."""
+    end: FallingPart
+
+
 class Evaluation(Record):
     """evaluation.json."""
 
@@ -376,6 +415,10 @@ class Evaluation(Record):
     """None if it was not measured, as in results of earlier versions."""
     noise_floor: NoiseFloor | None = None
     """None if there are too few training transitions, as in results of earlier versions."""
+    repeats: Repeats | None = None
+    """None in results of earlier versions."""
+    falling: Falling | None = None
+    """None if the delivered model's errors do not fall again in long rollouts, and in results of earlier versions."""
     choice: Choice = Choice(candidate=ADDRESSED, why="asked")
     """Earlier versions delivered nothing but the addressed ensemble."""
 

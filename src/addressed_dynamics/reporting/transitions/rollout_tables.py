@@ -6,9 +6,11 @@ from collections.abc import Callable, Mapping
 
 from addressed_dynamics.evaluation.common.bootstrap import FEWEST_ROLLOUTS
 from addressed_dynamics.evaluation.common.records import Dropped
+from addressed_dynamics.evaluation.transitions.falling import FALLEN
 from addressed_dynamics.evaluation.transitions.physics import ROUNDING, TRUTH, TWIN
 from addressed_dynamics.evaluation.transitions.records import (
     Evaluation,
+    Falling,
     PhysicsResult,
     RolloutGroup,
     RolloutPhysics,
@@ -165,6 +167,42 @@ def lost_sentence(evaluation: Evaluation, physics: RolloutPhysics) -> str:
         f"{percent(own.lost_seconds.never_share, 0)} of the rollouts it never is); of two true simulations that start "
         f"{scientific(physics.apart, 1)} rad apart, after {possible}."
     )
+
+
+def falling_words(falls: Falling) -> str:
+    """Say why the errors of long rollouts fall, as far as what was counted says it."""
+    then, end = falls.highest, falls.end
+    steps = f"steps {then.first_step:,} to {then.last_step:,}"
+    what = (
+        f"The median error of the delivered model falls again, from {_error(then.percent)} of the range in {steps} to "
+        f"{_error(end.percent)} in steps {end.first_step:,} to {end.last_step:,}."
+    )
+    now, before = (percent(each.held_share, 0) for each in (end, then))
+    shares = f"{now} of the true states stand still or are at a bound by then ({before} in {steps})"
+    others = f"all others are off by {_error(end.free_percent)} ({_error(then.free_percent)} in {steps})"
+    if not rests(falls):
+        return f"{what} That the world comes to rest does not explain it: {shares}; {others}."
+    return (
+        f"{what} No prediction got better by that: {shares}, where hardly anything is left to be missed (error "
+        f"{_error(end.held_percent)}); {others}, which is what to expect of long rollouts on the move."
+    )
+
+
+def rests(falls: Falling) -> bool:
+    """Return whether errors fall because much comes to rest: more of the states, which are off by less than others.
+
+    It is not so if those that move are predicted better, too.
+    """
+    then, end = falls.highest, falls.end
+    if end.held_share <= then.held_share or end.held_percent is None:
+        return False
+    if end.free_percent is None or then.free_percent is None:
+        return end.held_percent < then.percent
+    return end.held_percent < end.free_percent and end.free_percent >= FALLEN * then.free_percent
+
+
+def _error(value: float | None) -> str:
+    return "nothing that was measured" if value is None else f"{significant(value, 2)} %"
 
 
 def group_title(name: str) -> str:
