@@ -141,6 +141,21 @@ def test_intervals_beside_rollouts_are_those_that_a_user_is_given_as_far_as_vali
     assert np.isinf(shorter[:, 8 - history :]).all()
 
 
+def test_the_horizon_of_trust_ends_where_only_a_few_validation_episodes_go_on():
+    model, partner, trust = trusted_model()
+    pair = Pair(model, Origin("total_parameters", 0), partner, Origin("total_parameters", 1))
+    calm = replace(trust, multiples=1e-3 * trust.multiples)
+    whole = drifting(40, 1)
+    few = np.concatenate([np.arange(19 * 40), *(np.arange(start, start + 7) for start in range(19 * 40, 1600, 40))])
+    steps = []
+    for validation in (whole, whole.select(few)):
+        points = {name: Points.of(each, model.features) for name, each in
+                  (("validation", validation), ("test", drifting(60, 5)))}  # fmt: skip
+        record, _ = judge_trust(pair, calm, points, {}, [], {})
+        steps.append((record["trusted_steps"], record["rollout_steps"]))
+    assert steps == [(30, 30), (7, 7)]
+
+
 def test_too_few_validation_errors_for_an_interval_give_none():
     model, partner, trust = trusted_model()
     pair = Pair(model, Origin("total_parameters", 0), partner, Origin("total_parameters", 1))

@@ -51,7 +51,7 @@ BAD = 0.99
 """An error is bad if it is above this quantile of the validation errors."""
 TEST_ROLLOUTS = 400
 FEWEST_KNOWN = 20
-"""Validation episodes by which intervals are known that stand beside rollouts on test episodes."""
+"""Validation episodes, or all if there are fewer, by which intervals are known well enough to be told in figures."""
 CELLS = 24
 """Cells of the map of trust, in each direction."""
 MOST_PLACES = 5
@@ -134,7 +134,7 @@ def judge_trust(
     test, features = looked["test"], pair.model.features
     scale = np.array(features.scale)
     bad = float(np.quantile(looked["validation"].error, BAD))
-    coverage, horizon, steps = _coverage(pair, trust, points["test"], scale)
+    coverage, horizon, steps = _coverage(pair, trust, points, scale)
     record: dict[str, Any] = {
         "model": str(pair.origin),
         "episodes": trust.episodes,
@@ -212,9 +212,10 @@ def _look(pair: Pair, trust: Trust, points: Points) -> _Looked:
 
 
 def _coverage(
-    pair: Pair, trust: Trust, test: Points, scale: Float64[np.ndarray, " dimension"]
+    pair: Pair, trust: Trust, points: Mapping[Split, Points], scale: Float64[np.ndarray, " dimension"]
 ) -> tuple[list[dict[str, Any]], int | None, int | None]:
     """Return how much intervals cover of the test episodes, and the horizon of trust within so many steps."""
+    test = points["test"]
     names = [each.name for each in pair.model.features.spaces.observation]
     rows = []
     error, scales = one_step(pair.model, pair.partner, trust.gauge, test, torch.arange(len(test)))
@@ -237,8 +238,9 @@ def _coverage(
             rows.append(_covered(steps, asked, truth[there, steps - 1], low, high, names))
     if ASKED[-1] not in known:
         return rows, None, longest
-    width = 2 * trust.half(followed.scale, ASKED[-1]).double().numpy()
-    return rows, trusted_steps(width, scale, TRUSTED_SHARE), longest
+    steps = reachable(points["validation"], longest, FEWEST_KNOWN)
+    width = 2 * trust.half(followed.scale[:, :steps], ASKED[-1]).double().numpy()
+    return rows, trusted_steps(width, scale, TRUSTED_SHARE), steps
 
 
 def _covered(
