@@ -92,4 +92,5 @@ def test_the_table_has_the_intervals_of_the_median_rollout_where_they_are_known(
     half[:, :5] = np.linspace(0.1, 3.0, 30)[:, None, None] * SCALE
     rows, _, _ = rows_of(half)
     assert [row.get("interval_%") for row in rows] == [pytest.approx(155.0)] * 5 + [None] * 3
+    assert [row.get("interval.velocity") for row in rows] == [pytest.approx(15.5)] * 5 + [None] * 3
     assert all(np.isfinite(list(row.values())[3:]).all() for row in rows)

@@ -61,3 +61,13 @@ def test_what_is_repeated_is_what_a_loop_over_all_pairs_finds(rows: int, columns
         apart = np.abs(among.astype(np.float64) - row)
         assert is_exact == (apart == 0).all(axis=1).any()
         assert is_alike == (apart <= unit).all(axis=1).any()
+
+
+def test_many_equal_and_many_near_rows_are_told_apart_in_time() -> None:
+    at_rest = np.tile(np.array([[0.6, 0.07, 2.0]], np.float32), (5000, 1))
+    settling = at_rest + np.linspace(0.0, 1e-3, 5000, dtype=np.float32)[:, None] * np.float32([1, 1, 0])
+    exact, alike = repeated(at_rest[:200].astype(np.float64), np.concatenate([settling, at_rest]).astype(np.float64))
+    assert exact.all()
+    assert alike.all()
+    far = at_rest[:200].astype(np.float64) - np.array([0.0, 0.0, 1.0])
+    assert not np.any(repeated(far, np.concatenate([settling, at_rest]).astype(np.float64)))

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import torch
 from jaxtyping import Bool, Float, Float64
-from scipy.spatial import cKDTree
 from torch import Tensor
 
 from addressed_dynamics.episodes.coverage import row_fingerprints
@@ -50,11 +49,33 @@ def repeated(
     Rounding is what float32 makes of the largest numbers of a column: no number is off by more than the step from the
     largest one, on either side, to the next.
     """
-    exact = np.isin(row_fingerprints(rows), row_fingerprints(among))
     largest = np.maximum(np.abs(rows).max(axis=0, initial=0.0), np.abs(among).max(axis=0, initial=0.0))
     unit = np.spacing(largest.astype(np.float32)).astype(np.float64)
-    nearest, _ = cKDTree(among / unit).query(rows / unit, p=np.inf, distance_upper_bound=1.5)
-    return exact, exact | (nearest <= 1.0)
+    prints, others = row_fingerprints(rows), row_fingerprints(among)
+    _, first, place = np.unique(prints, return_index=True, return_inverse=True)
+    alike = _near(rows[first] / unit, among[np.unique(others, return_index=True)[1]] / unit)
+    exact = np.isin(prints, others)
+    return exact, exact | alike[place]
+
+
+def _near(
+    rows: Float64[np.ndarray, "row column"], among: Float64[np.ndarray, "other column"]
+) -> Bool[np.ndarray, " row"]:
+    """Return which rows have another from which no number is farther than 1.
+
+    Rows that are so near are near in any sum of their numbers, too, so only those have to be compared that are.
+    """
+    weights: Float64[np.ndarray, " column"] = np.random.default_rng(0).uniform(0.5, 1.0, (rows.shape[1],))
+    sums, asked, reach = among @ weights, rows @ weights, float(weights.sum()) + 1e-3
+    order = np.argsort(sums, kind="stable")
+    begin, end = (np.searchsorted(sums[order], asked + sign * reach) for sign in (-1, 1))
+    found = np.zeros(len(rows), dtype=np.bool_)
+    left = np.flatnonzero(begin < end)
+    while len(left):
+        found[left] = (np.abs(among[order[begin[left]]] - rows[left]) <= 1.0).all(axis=1)
+        begin[left] += 1
+        left = left[~found[left] & (begin[left] < end[left])]
+    return found
 
 
 def _rows(points: Points) -> Float64[np.ndarray, "point column"]:

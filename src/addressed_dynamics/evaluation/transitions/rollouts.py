@@ -16,7 +16,14 @@ from addressed_dynamics.episodes.transitions import Dimension, SpaceSpec, Transi
 from addressed_dynamics.evaluation.transitions.candidates import Candidate
 from addressed_dynamics.evaluation.transitions.horizons import percent_of_range
 from addressed_dynamics.evaluation.transitions.physics import ANGLE_LIMIT, acrobot_course, check_recording, simulate
-from addressed_dynamics.evaluation.transitions.spreads import ERROR, against_horizon, spread, with_intervals
+from addressed_dynamics.evaluation.transitions.spreads import (
+    ERROR,
+    INTERVAL,
+    INTERVAL_OF,
+    against_horizon,
+    spread,
+    with_intervals,
+)
 from addressed_dynamics.evaluation.transitions.truth import TrueRollouts
 from addressed_dynamics.simulators.addressed import AddressedDynamics
 from addressed_dynamics.simulators.modes import Mode
@@ -78,7 +85,11 @@ def evaluate_rollouts(
         half: half of the intervals around each predicted state, infinite where none is known; None of what has none.
     """
     summary, rows = _measured(name, finite(predicted), truth, spaces, scale, physics=physics)
-    return summary, rows if half is None else with_intervals(rows, percent_of_range(half**2, scale), truth)
+    if half is None:
+        return summary, rows
+    widths = {INTERVAL: percent_of_range(half**2, scale)}
+    widths |= {INTERVAL_OF.format(name): half[..., index] for index, name in enumerate(spaces.observation_names)}
+    return summary, with_intervals(rows, widths, truth)
 
 
 def evaluate_simulations(

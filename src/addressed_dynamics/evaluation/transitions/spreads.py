@@ -18,6 +18,8 @@ ERROR = "error_%"
 """Column of root mean square errors over the dimensions of the state, in % of the range; no dimension is called so."""
 INTERVAL = "interval_%"
 """Column of the half widths of 90 % intervals, put together and in the unit of `ERROR`: of the median rollout."""
+INTERVAL_OF = "interval.{}"
+"""Column of the half width of a dimension, in its unit."""
 
 
 def against_horizon(
@@ -57,21 +59,26 @@ def against_horizon(
 
 
 def with_intervals(
-    rows: Sequence[Mapping[str, Any]], percent: Float64[np.ndarray, "episode step"], truth: TrueRollouts
+    rows: Sequence[Mapping[str, Any]], widths: Mapping[str, Float64[np.ndarray, "episode step"]], truth: TrueRollouts
 ) -> list[dict[str, Any]]:
-    """Return the rows of `against_horizon` with how wide intervals are, where that is known.
+    """Return the rows of `against_horizon` with how wide intervals are, in the median rollout, where that is known.
 
     Args:
         rows: of one model.
-        percent: half widths, root mean squares over the dimensions in % of the range; infinite where none is known.
+        widths: half widths by the name of their columns; infinite where none is known.
         truth: what the rollouts are held against.
     """
-    medians = {name: np.median(percent[members], axis=0) for name, members in truth.groups.items() if members.any()}
-    return [
-        {**row, **({INTERVAL: float(f"{width:.4e}")} if np.isfinite(width) else {})}
-        for row in rows
-        for width in [medians[row["group"]][row["horizon"] - 1]]
-    ]
+    medians = {
+        (group, name): np.median(each[members], axis=0)
+        for group, members in truth.groups.items()
+        if members.any()
+        for name, each in widths.items()
+    }
+    found = []
+    for row in rows:
+        known = {name: float(medians[row["group"], name][row["horizon"] - 1]) for name in widths}
+        found.append({**row, **{name: float(f"{width:.4e}") for name, width in known.items() if np.isfinite(width)}})
+    return found
 
 
 def spread(values: Float64[np.ndarray, " rollout"]) -> dict[str, float | None]:
