@@ -20,7 +20,7 @@ from addressed_dynamics.reporting.transitions.figures.angles import angle_forms
 from addressed_dynamics.reporting.transitions.overview import overview_table
 from addressed_dynamics.reporting.transitions.paired import paired_table
 from addressed_dynamics.reporting.transitions.paper import PaperFigures
-from addressed_dynamics.reporting.transitions.quality import quality_blocks, warning_paragraphs
+from addressed_dynamics.reporting.transitions.quality import quality_blocks, repeated_words, warning_paragraphs
 from addressed_dynamics.reporting.transitions.recipes import recipes_table
 from addressed_dynamics.reporting.transitions.recorded import BlocksResult
 from addressed_dynamics.reporting.transitions.results import TransitionResults
@@ -114,7 +114,7 @@ def _data_blocks(results: TransitionResults) -> tuple[Block, ...]:
     warnings = warning_paragraphs(data.imported) if data.imported else ()
     figure = curves.learner_returns(results.learner, learners)
     return (
-        Text((" ".join(sentences), *warnings)),
+        Text((" ".join(sentences), *warnings, *repeated_words(results.evaluation.repeats))),
         tables.segment_table(data),
         *([tables.exogenous_table(data)] if data.exogenous else []),
         *([figure] if figure else []),
@@ -217,6 +217,7 @@ def _rollout_blocks(
         *rollout_tables.rollout_tables(evaluation, paper),
         *mechanics,
         episodes.error_against_horizon(results.horizon["all"], dimensions),
+        *((Text((rollout_tables.falling_words(falls),)),) if (falls := evaluation.falling) else ()),
         *((film,) if (film := animations(results.arrays, origin.features.spaces)) else ()),
         episodes.rollouts(results.arrays, dimensions, results.evaluation.rollouts.kind),
     )

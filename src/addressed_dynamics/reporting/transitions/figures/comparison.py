@@ -9,7 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from addressed_dynamics.episodes.transitions import Dimension
-from addressed_dynamics.evaluation.transitions.records import CandidateResult, Evaluation
+from addressed_dynamics.evaluation.common.bootstrap import FEWEST_ROLLOUTS
+from addressed_dynamics.evaluation.transitions.records import CandidateResult, EpisodeSpread, Evaluation
 from addressed_dynamics.reporting.common.blocks import Figure
 from addressed_dynamics.reporting.common.figures.style import INK, logarithmic, model_style, panel, positive
 
@@ -33,7 +34,7 @@ def candidates(evaluation: Evaluation, dimensions: Sequence[Dimension]) -> Figur
     ]
     for dimension in dimensions:
         spreads = {
-            name: (spread.p10, spread.median, spread.p90)
+            name: _ends(spread)
             for name, each in named.items()
             if each.rollouts and (spread := each.rollouts.all.mse.get(dimension.name))
         }
@@ -64,7 +65,8 @@ def candidates(evaluation: Evaluation, dimensions: Sequence[Dimension]) -> Figur
     caption = (
         "All candidates; further left is better. One step: mean error (dot) between the median and the 99th "
         "percentile of all test transitions (bar); a mean beyond the bar comes from a few large errors. Rollouts: "
-        "mean squared error of whole rollouts, median (dot) and 10th to 90th percentile (bar) over rollouts"
+        "mean squared error of whole rollouts, median (dot) and 10th to 90th percentile (bar; of at least "
+        f"{FEWEST_ROLLOUTS}) over rollouts"
         f"{'; and the share of rollouts in which a predicted state leaves the bounds' * bool(shares)}."
     )
     return Figure(caption, tuple(panels))
@@ -89,6 +91,12 @@ def _ranges(
     axes.set(title=title)
     logarithmic(axes, "x")
     _name_rows(axes, [_short(name, named[name]) for name in spreads])
+
+
+def _ends(spread: EpisodeSpread) -> tuple[float, float, float]:
+    """Return 10th percentile, median and 90th percentile; the median thrice where rollouts are too few for others."""
+    low, high = (spread.median if each is None else each for each in (spread.p10, spread.p90))
+    return low, spread.median, high
 
 
 def _shares(axes: Axes, named: dict[str, CandidateResult], shares: dict[str, float]) -> None:
