@@ -328,8 +328,9 @@ def test_the_report_of_acrobot_is_whole(tmp_path: Path) -> None:
     report = transitions_report(results, origin(SPACES, title="Acrobot"), ACROBOT_PAPER)
     titles = [section.title for section in report.sections]
     assert {"Subnetworks", "Specialisation"} < set(titles)
-    assert titles[titles.index("Rollouts") + 1] == "The two recipes"
-    assert "Table 1" not in titles
+    assert titles[titles.index("Specialisation") + 1] == "The two recipes"
+    (stated,) = (section for section in report.sections if section.title == "The paper's figures")
+    assert [type(block) for block in stated.blocks] == [Table, Table], "the targets, and the errors that it states"
     shown = {panel.name for panel in report.panels}
     for figure in ("samples", "mean-loss", "losses", "outputs"):
         assert {f"specialisation-{figure}-{split}" for split in ("train", "test")} < shown

@@ -10,7 +10,7 @@ from addressed_dynamics.reporting.common.animation.brush import OVERSAMPLING, Br
 from addressed_dynamics.reporting.common.animation.gif import Palette, gif_panel
 from addressed_dynamics.reporting.common.animation.scenes import BACK, FORE, SOFT, Scene
 from addressed_dynamics.reporting.common.blocks import Panel
-from addressed_dynamics.reporting.common.figures.style import INK, MEMBERS
+from addressed_dynamics.reporting.common.figures.style import ACTION, INK, OWN, REACHED
 
 SECONDS = 15.0
 """Longest simulated time that is shown; it passes as fast as it did."""
@@ -21,8 +21,8 @@ SIDE, GAP = 396, 28
 HEAD, FOOT = 30, 8
 """Height of what is written above the pictures, and of what stays free below, in pixels."""
 
-_TRUTH, _MODEL = FORE, MEMBERS[0]
-_PALETTE = Palette((INK, FORE, BACK, SOFT, *MEMBERS[:3]))
+_TRUTH, _MODEL = FORE, OWN
+_PALETTE = Palette((INK, FORE, BACK, SOFT, OWN, ACTION, REACHED))
 
 
 def film(

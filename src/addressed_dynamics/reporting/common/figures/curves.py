@@ -14,7 +14,7 @@ from addressed_dynamics.reporting.common.figures.specialisation import OF_STATES
 from addressed_dynamics.reporting.common.figures.style import (
     FAINT,
     INK,
-    MEMBERS,
+    OWN,
     logarithmic,
     member_colour,
     member_legend,
@@ -26,7 +26,7 @@ from addressed_dynamics.reporting.common.reading import Columns
 
 WINDOW = 50
 """Episodes over which a return is averaged."""
-VARIANTS = {"plain": ("plain", FAINT), "cost_sensitive": ("cost-sensitive", MEMBERS[2])}
+VARIANTS = {"plain": ("plain", FAINT), "cost_sensitive": ("cost-sensitive", OWN)}
 """Title and colour of each addressing network."""
 
 

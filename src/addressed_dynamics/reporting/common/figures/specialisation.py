@@ -17,6 +17,7 @@ from addressed_dynamics.reporting.common.blocks import Figure, Panel
 from addressed_dynamics.reporting.common.figures.style import (
     FAINT,
     INK,
+    OWN,
     logarithmic,
     member_colour,
     model_style,
@@ -170,7 +171,7 @@ def _draw_mean_losses(axes: Axes, found: Specialisation, singles: Mapping[str, l
             axes.plot(ends[0], k, marker="o", markersize=5.5, color=colour)
         titles.append(f"network {k + 1}")
     place = len(titles)
-    axes.plot(positive(np.array(_addressed_mean(found))), place, marker="o", markersize=6.5, color=INK)
+    axes.plot(positive(np.array(_addressed_mean(found))), place, marker="o", markersize=6.5, color=OWN)
     titles.append("addressed ensemble")
     for name, losses in singles.items():
         place += 1

@@ -21,7 +21,7 @@ SCENES = (MOUNTAIN_CAR, ACROBOT)
 def animations(arrays: Arrays, spaces: SpaceSpec) -> Figure | None:
     """Draw a film of a rollout of each group; None if the states are not those of a known environment."""
     scene = scene_of(spaces)
-    if scene is None:
+    if scene is None or not len(arrays.rollout_true):
         return None
     columns = [spaces.observation_names.index(name) for name in scene.dimensions]
     groups, first = np.unique(arrays.rollout_group, return_index=True)

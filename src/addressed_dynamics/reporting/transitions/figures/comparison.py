@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from addressed_dynamics.episodes.transitions import Dimension
 from addressed_dynamics.evaluation.transitions.records import CandidateResult, Evaluation
 from addressed_dynamics.reporting.common.blocks import Figure
-from addressed_dynamics.reporting.common.figures.style import INK, logarithmic, model_style, panel, positive
+from addressed_dynamics.reporting.common.figures.style import OWN, logarithmic, model_style, panel, positive
 
 
 def candidates(evaluation: Evaluation, dimensions: Sequence[Dimension]) -> Figure:
@@ -108,4 +108,4 @@ def _name_rows(axes: Axes, titles: list[str]) -> None:
 
 
 def _colour(name: str, named: Iterable[str]) -> str:
-    return INK if name.startswith("ensemble/") else model_style(name, named)[1]
+    return OWN if name.startswith("ensemble/") else model_style(name, named)[1]

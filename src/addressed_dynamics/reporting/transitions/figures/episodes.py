@@ -16,8 +16,7 @@ from addressed_dynamics.evaluation.transitions.physics import SIMULATIONS
 from addressed_dynamics.features.transitions.spec import Angle
 from addressed_dynamics.reporting.common.blocks import Figure
 from addressed_dynamics.reporting.common.figures.style import (
-    INK,
-    MEMBERS,
+    OWN,
     logarithmic,
     member_colour,
     member_legend,
@@ -59,7 +58,7 @@ def one_step_prediction(arrays: Arrays, dimensions: Sequence[Dimension], angles:
     def draw(canvas: Canvas, name: str, unit: str, truth: Course, predicted: Course) -> None:
         upper, lower = canvas.subplots(2, 1, sharex=True, height_ratios=(3, 2))
         upper.plot(steps, truth, color="#bdbdbd", linewidth=4, label="truth", solid_capstyle="round")
-        upper.plot(steps, predicted, color=INK, linewidth=1, label="prediction")
+        upper.plot(steps, predicted, color=OWN, linewidth=1, label="prediction")
         upper.set_ylabel(with_unit(name, unit))
         upper.legend(loc="lower right", ncols=2, bbox_to_anchor=(1, 1), borderaxespad=0.2)
         error = positive(np.abs(predicted.astype(np.float64) - truth))
@@ -109,7 +108,7 @@ def rollouts(arrays: Arrays, dimensions: Sequence[Dimension], truth: Literal["en
 
     def draw(axes: Axes, episode: int, index: int, dimension: Dimension) -> None:
         axes.plot(steps, arrays.rollout_true[episode, :, index], color="#bdbdbd", linewidth=3.5, label=truth)
-        axes.plot(steps, arrays.rollout_predicted[episode, :, index], color=MEMBERS[0], linewidth=0.9, label="model")
+        axes.plot(steps, arrays.rollout_predicted[episode, :, index], color=OWN, linewidth=0.9, label="model")
         axes.set(xlabel="step", ylabel=with_unit(dimension.name, dimension.unit), xlim=(0, steps[-1]))
         axes.legend(loc="lower right", ncols=2, bbox_to_anchor=(1, 1), borderaxespad=0.2)
         axes.set_title(titles[episode])

@@ -177,7 +177,7 @@ def state_maps(arrays: Arrays, spaces: SpaceSpec, angles: Sequence[Angle] = ()) 
     return Figure(caption, (*chosen_panels, *error_panels))
 
 
-_COLOUR_NAMES = ("blue", "orange", "green", "pink", "light blue", "yellow", "olive", "grey")
+_COLOUR_NAMES = ("indigo", "sand", "teal", "rose", "light blue", "wine", "green", "purple")
 
 
 def _places(

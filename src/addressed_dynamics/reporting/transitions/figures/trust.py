@@ -9,7 +9,7 @@ from addressed_dynamics.episodes.transitions import Dimension
 from addressed_dynamics.evaluation.transitions.trust_records import RiskRecord
 from addressed_dynamics.features.transitions.spec import FeatureSpec
 from addressed_dynamics.reporting.common.blocks import Figure
-from addressed_dynamics.reporting.common.figures.style import FAINT, INK, MEMBERS, panel, with_unit
+from addressed_dynamics.reporting.common.figures.style import FAINT, OWN, REACHED, panel, with_unit
 from addressed_dynamics.reporting.transitions.results import Arrays
 
 
@@ -22,16 +22,16 @@ def risk_curve(risk: tuple[RiskRecord, ...]) -> Figure | None:
 
     def draw(axes: Axes) -> None:
         axes.axhline(100, color=FAINT, linestyle=":", label="no trust: a random order")
-        axes.plot(kept, [100 * each.risk / of_all for each in risk], color=INK, label="by trust")
+        axes.plot(kept, [100 * each.risk / of_all for each in risk], color=OWN, label="by trust")
         axes.plot(
-            kept, [100 * each.oracle / of_all for each in risk], color=MEMBERS[2], linestyle="--", label="best order"
+            kept, [100 * each.oracle / of_all for each in risk], color=REACHED, linestyle="--", label="best order"
         )
         axes.set(xlabel="predictions kept (%)", ylabel="mean error (% of that of all)", xlim=(0, 100), ylim=(0, None))
         axes.legend(loc="best")
 
     caption = (
         "What trust is worth: the mean error of the predictions that are trusted most, against how many of them are "
-        "kept. The further the black line is below 100 %, the more it helps to leave out what is not trusted; no trust "
+        "kept. The further the solid line is below 100 %, the more it helps to leave out what is not trusted; no trust "
         "can do better than the dashed line, which knows the errors."
     )
     alternative = "Mean error of the predictions that are kept, against the share that is kept, by trust and at best"
