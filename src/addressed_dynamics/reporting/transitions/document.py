@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from addressed_dynamics.evaluation.transitions.records import Recipe
 from addressed_dynamics.features.transitions.spec import FeatureSpec
-from addressed_dynamics.reporting.common.blocks import Block, Figure, Fold, Section, Table, Text
+from addressed_dynamics.reporting.common.blocks import Block, Chart, Figure, Fold, Section, Table, Text
 from addressed_dynamics.reporting.common.candidates import Effort, efforts_of
 from addressed_dynamics.reporting.common.document import Account, specialisation_blocks
 from addressed_dynamics.reporting.common.figures import curves
@@ -251,7 +251,7 @@ def _rollout_blocks(
     dimensions, evaluation = origin.features.spaces.observation, results.evaluation
     if evaluation.own.rollouts is None:
         return (Text((no_rollouts(origin.experiment),)),)
-    mechanics: tuple[Figure, ...] = ()
+    mechanics: tuple[Chart, ...] = ()
     numbers: tuple[Table, ...] = rollout_tables.rollout_tables(evaluation, paper)
     if found := evaluation.rollouts.physics:
         mechanics = (physics.angles_and_energy(results.horizon, found),)

@@ -13,8 +13,8 @@ from jaxtyping import Float, Int
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Canvas
-from matplotlib.image import imsave
 from matplotlib.ticker import FuncFormatter, LogFormatter, NullFormatter, NullLocator
+from PIL import Image
 
 from addressed_dynamics.reporting.common.blocks import Panel
 
@@ -57,6 +57,7 @@ ERROR_FLOOR = 1e-16
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _CSS_DPI = 100
 _PIXEL_RATIO = 2
+_COLOURS = 128
 _RC = {
     "axes.edgecolor": FAINT,
     "axes.grid": True,
@@ -114,8 +115,9 @@ def picture(
             _label_plainly(axes)
         agg.draw()
         buffer = io.BytesIO()
-        # `savefig` would lay out and draw everything twice. By default the file names matplotlib's version.
-        imsave(buffer, np.asarray(agg.buffer_rgba())[..., :3], format="png", metadata={"Software": None})  # type: ignore[dict-item]
+        # `savefig` would lay out and draw everything twice, and in 16 million colours, of which a picture needs few.
+        drawn = Image.fromarray(np.ascontiguousarray(np.asarray(agg.buffer_rgba())[..., :3]))
+        drawn.quantize(_COLOURS, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE).save(buffer, "PNG")
     width, height = (round(side * _CSS_DPI) for side in size)
     return Panel(name, alternative, buffer.getvalue(), width, height)
 
