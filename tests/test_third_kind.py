@@ -49,5 +49,5 @@ def test_a_made_up_kind_of_data_goes_through_all_stages_to_a_report(tmp_path: Pa
     titles = [line.removeprefix("## ") for line in report.splitlines() if line.startswith("## ")]
     assert titles == ["Errors", "Training", "What was run"]
     assert "epochs, bins by Algorithm 1" in report
-    assert "![Phase 1 over the epochs: validation](figures/ensemble-validation.png)" in report
+    assert "*validation loss, best network (validation)*" in report
     assert {path: path.read_bytes() for path in before} == before

@@ -7,7 +7,7 @@ import pytest
 from example_params import EXAMPLE
 
 from addressed_dynamics.base.params.training import AddressingParams, EnsembleParams
-from addressed_dynamics.reporting.common.blocks import Facts, Figure, Report, Section, Table, Text
+from addressed_dynamics.reporting.common.blocks import Chart, Facts, Report, Section, Table, Text
 from addressed_dynamics.reporting.common.document import Account, build_report
 from addressed_dynamics.reporting.common.figures.specialisation import Words
 from addressed_dynamics.reporting.common.origin import ModelWords, Origin
@@ -106,7 +106,7 @@ def test_the_captions_of_the_trainings_use_the_words_of_the_kind() -> None:
     (training,) = (
         section for section in report(words=Words("x", "degrees", "cold days")).sections if section.title == "Training"
     )
-    captions = [block.caption for block in training.blocks if isinstance(block, Figure)]
+    captions = [block.caption for block in training.blocks if isinstance(block, Chart)]
     assert len(captions) == 2
     assert "All losses are of degrees." in captions[0]
     assert "on cold days:" in captions[1]
@@ -114,4 +114,4 @@ def test_the_captions_of_the_trainings_use_the_words_of_the_kind() -> None:
 
 def test_of_a_seed_without_curves_of_its_addressing_those_of_the_ensemble_are_shown() -> None:
     (training,) = (section for section in report(seed=2).sections if section.title == "Training")
-    assert [isinstance(block, Figure) for block in training.blocks] == [True]
+    assert [isinstance(block, Chart) for block in training.blocks] == [True]

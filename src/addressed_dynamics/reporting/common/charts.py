@@ -88,9 +88,8 @@ def value_table(chart: Chart) -> Table:
     if chart.form == "ranges":
         ends = (Column("", numeric=False), Column("low"), Column("middle"), Column("high"))
         rows = [
-            Row((line.name, *(_cell(each[0]) for each in (line.low, line.values, line.high))))
+            Row((line.name, *(", ".join(map(_cell, each)) or MISSING for each in (line.low, line.values, line.high))))
             for line in view.lines
-            if line.low and line.values
         ]
         return Table(caption, ends, tuple(rows))
     told = _told(view.places)

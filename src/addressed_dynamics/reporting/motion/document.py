@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from statistics import median
 
 from addressed_dynamics.evaluation.motion.records import MotionEvaluation
@@ -63,8 +64,8 @@ def motion_account(results: MotionResults, origin: Origin[MotionFeatureParams], 
         seed=delivered.seed,
         data=data_blocks(results.data),
         found=found,
-        method=(Section("Addressing", addressing_blocks(evaluation)),),
-        words=WORDS,
+        method=(Section("Addressing", addressing_blocks(evaluation, paper=paper)),),
+        words=replace(WORDS, paper=paper),
         sources=SOURCES,
     )
 
@@ -95,15 +96,20 @@ def motion_headline(results: MotionResults) -> dict[str, float]:
     return figures
 
 
-def addressing_blocks(evaluation: MotionEvaluation) -> tuple[Block, ...]:
-    """Return the section on who serves which frames; nothing if there is one network."""
+def addressing_blocks(evaluation: MotionEvaluation, *, paper: bool = False) -> tuple[Block, ...]:
+    """Return the section on who serves which frames; nothing if there is one network.
+
+    Args:
+        evaluation: what was measured.
+        paper: whether the experiment is the paper's, so that its figures are cited.
+    """
     found = evaluation.addressing
     if found.members < 2:
         return ()
     return (
         addressing.phase_shares(found),
         tables.phase_table(evaluation),
-        *specialisation_blocks(found.specialisations, WORDS),
+        *specialisation_blocks(found.specialisations, replace(WORDS, paper=paper)),
     )
 
 
@@ -111,7 +117,8 @@ def _loop_blocks(results: MotionResults, seen: Figure) -> tuple[Block, ...]:
     evaluation, arrays = results.evaluation, results.arrays
     others = seen.panels[1:]
     return (
-        closed_loop.paths_and_scores(evaluation, arrays),
+        closed_loop.scores(evaluation),
+        closed_loop.paths(evaluation, arrays),
         *((Figure(seen.caption, others),) if others else ()),
         loop_tables.loop_table(evaluation),
         Fold(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 from addressed_dynamics.evaluation.transitions.records import Recipe
 from addressed_dynamics.features.transitions.spec import FeatureSpec
@@ -211,7 +212,10 @@ def _specialisation_blocks(results: TransitionResults, paper: PaperFigures | Non
         return ()
     agreement = paper.agreement if paper else None
     return specialisation_blocks(
-        evaluation.specialisation, OF_STATES, single=evaluation.baseline_losses, agreement=agreement
+        evaluation.specialisation,
+        replace(OF_STATES, paper=paper is not None),
+        single=evaluation.baseline_losses,
+        agreement=agreement,
     )
 
 

@@ -12,9 +12,9 @@ from addressed_dynamics.reporting.common.animation.scenes import BACK, FORE, SOF
 from addressed_dynamics.reporting.common.blocks import Panel
 from addressed_dynamics.reporting.common.figures.style import ACTION, INK, OWN, REACHED
 
-SECONDS = 15.0
+SECONDS = 10.0
 """Longest simulated time that is shown; it passes as fast as it did."""
-FRAME_SECONDS = 0.06
+FRAME_SECONDS = 0.08
 """Time between two pictures, about: a whole number of steps comes nearest to it."""
 SIDE, GAP = 396, 28
 """Width of the picture of one state, and what lies between the two, in pixels."""

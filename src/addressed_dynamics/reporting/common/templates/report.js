@@ -111,10 +111,10 @@
       const height = ranges ? 50 + 22 * lines.length : this.data.height;
       this.canvas.replaceChildren();
       this.canvas.setAttribute("viewBox", `0 0 ${width} ${height}`);
-      this.size = { width, height, left: ranges ? Math.min(230, width * 0.42) : 58, right: 12, top: 22, bottom: 38 };
+      this.size = { width, height, left: ranges ? Math.min(230, width * 0.42) : 58, right: 24, top: 22, bottom: 38 };
       const values = lines.flatMap((line) => [...line.values, ...(line.low || []), ...(line.high || [])]);
       if (view.level !== undefined && !ranges) values.push(view.level);
-      if (!view.logarithmic && !ranges && Math.min(...values) > 0) values.push(0);
+      if (!view.logarithmic && !ranges && Math.min(...values) > 0 && this.far(values)) values.push(0);
       const measured = axis(values, view.logarithmic);
       if (ranges) {
         this.x = measured;
@@ -127,6 +127,12 @@
       this.explain();
       this.index = null;
       this.read(null);
+    }
+
+    // Whether values differ so much that their axis may begin at 0.
+    far(values) {
+      const known = values.filter((value) => value !== null);
+      return Math.min(...known) < 0.6 * Math.max(...known);
     }
 
     across(value) {
@@ -221,6 +227,7 @@
     }
 
     explain() {
+      if (this.data.form === "ranges") return; // its rows are named
       const open = this.more && this.more.open;
       this.legend.replaceChildren();
       const first = this.view.lines.filter((line) => line.shown), others = this.view.lines.filter((line) => !line.shown);
@@ -280,7 +287,8 @@
       }
       const range = (line, place) => {
         const ends = line.low ? ` (${words(line.low[place])} to ${words(line.high[place])})` : "";
-        return `${line.name} ${words(line.values[place])}${ends}`;
+        const values = this.data.form === "ranges" ? line.values : [line.values[place]];
+        return `${line.name} ${values.map(words).join(", ")}${ends}`;
       };
       if (this.data.form === "ranges") {
         this.readout.textContent = range(this.lines[index], 0);

@@ -67,14 +67,14 @@ def over_time(evaluation: MotionEvaluation, arrays: MotionArrays, other: str | N
     return Chart("loop-over-time", caption, alternative, "seconds", tuple(views), ("Course of",))
 
 
-def paths_and_scores(evaluation: MotionEvaluation, arrays: MotionArrays) -> Figure:
-    """Draw the way of the main models from above, and the scores of all."""
+def paths(evaluation: MotionEvaluation, arrays: MotionArrays) -> Figure:
+    """Draw the way of the main models from above."""
     shown = main_models(evaluation, arrays.loops)
     own = arrays.loops[evaluation.own_name]
 
-    def paths(axes: Axes) -> None:
+    def draw(axes: Axes) -> None:
         asked = np.cumsum(own.commanded_velocity, axis=0)
-        _path(axes, asked, color="#bdbdbd", linewidth=4, label="command, followed at once")
+        _path(axes, asked, color=TRUTH, linewidth=4, label="command, followed at once")
         for group, name in reversed(shown.items()):
             title, colour = model_style(group)
             loop = arrays.loops[name]
@@ -88,32 +88,25 @@ def paths_and_scores(evaluation: MotionEvaluation, arrays: MotionArrays) -> Figu
             ncols=2, fontsize=7.5, columnspacing=1.0, borderaxespad=0.2,
         )  # fmt: skip
 
-    def scores(axes: Axes) -> None:
-        ordered = sorted(evaluation.models.items(), key=lambda item: -median(map(score_of, item[1])))
-        for place, (group, candidates) in enumerate(ordered):
-            _, colour = model_style(group)
-            values = [score_of(each) for each in candidates]
-            axes.plot([0, median(values)], [place, place], color=colour, linewidth=1, alpha=0.4)
-            axes.plot(values, [place] * len(values), "o", color=colour, markersize=6, clip_on=False)
-            axes.text(median(values) + 0.03, place, f"{median(values):.2f}", va="center", fontsize=8)
-        axes.set(xlim=(0, 1.08), ylim=(len(ordered) - 0.4, -0.6), xlabel="score in the closed loop")
-        axes.set_yticks(range(len(ordered)), [model_style(group)[0] for group, _ in ordered])
-        axes.tick_params(axis="y", length=0)
-        axes.spines["left"].set_visible(False)
-        axes.grid(visible=False, axis="y")
-
-    seeds = max(map(len, evaluation.models.values()))
-    dots = "a dot for each seed, the number is their median" if seeds > 1 else "one seed of each"
     caption = (
-        "Left: the way from above over the whole script, beside that of a character that would follow every command at "
-        f"once; later errors are also those of headings before. Right: scores under the test script, {dots}. "
-        f"{score_words(evaluation.own.closed_loop)}"
+        "The way from above over the whole script, beside that of a character that would follow every command at once; "
+        "later errors are also those of headings before."
     )
-    panels = (
-        panel("loop-paths", "The way of each model from above, and that of the commands", paths, size=(4.6, 4.4)),
-        panel("loop-scores", "Scores of all models in the closed loop", scores, size=(4.6, 4.4)),
+    alternative = "The way of each model from above, and that of the commands"
+    return Figure(caption, (panel("loop-paths", alternative, draw, size=(4.6, 4.4)),))
+
+
+def scores(evaluation: MotionEvaluation) -> Chart:
+    """Return the scores of all models, from every seed."""
+    ordered = sorted(evaluation.models.items(), key=lambda item: -median(map(score_of, item[1])))
+    lines = tuple(
+        Line(model_style(group)[0], model_style(group)[1], numbers([score_of(each) for each in candidates]))
+        for group, candidates in ordered
     )
-    return Figure(caption, panels)
+    dots = "a dot for each seed" if max(map(len, evaluation.models.values())) > 1 else "one seed of each"
+    caption = f"Scores under the test script, {dots}. {score_words(evaluation.own.closed_loop)}"
+    view = View((), "score in the closed loop", (), lines, logarithmic=False)
+    return Chart("loop-scores", caption, "Scores of all models in the closed loop", "", (view,), form="ranges")
 
 
 def told(loop: Loop) -> Script | None:

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 from jaxtyping import Float
-from matplotlib.axes import Axes
 
 from addressed_dynamics.episodes.layout import FRAME_RATE
 from addressed_dynamics.evaluation.motion.records import MotionEvaluation
 from addressed_dynamics.evaluation.motion.suite import SHOWN_JOINTS
-from addressed_dynamics.reporting.common.blocks import Chart, Figure, Line, View
+from addressed_dynamics.reporting.common.blocks import Chart, Column, Line, Row, Table, View
 from addressed_dynamics.reporting.common.charts import MOST_SHOWN, numbers
-from addressed_dynamics.reporting.common.figures.style import TRUTH, logarithmic, panel, positive, thinned
+from addressed_dynamics.reporting.common.figures.style import TRUTH, thinned
 from addressed_dynamics.reporting.common.numbers import significant
 from addressed_dynamics.reporting.motion.models import main_models, model_style
 from addressed_dynamics.reporting.motion.results import MotionArrays
@@ -30,36 +27,26 @@ MOST_FRAMES = 400
 Course = Float[np.ndarray, " time"]
 
 
-def joint_errors(evaluation: MotionEvaluation) -> Figure:
-    """Draw how far each joint, and its velocity, is from the truth on held-out clips."""
-    shown = main_models(evaluation)
-    names = [each.joint for each in evaluation.own.test.joints]
-
-    def draw(axes: Axes, quantity: str, label: str) -> None:
-        for group, name in reversed(shown.items()):
-            title, colour = model_style(group)
-            values = [getattr(each, quantity) for each in evaluation.candidates[name].test.joints]
-            axes.plot(positive(np.array(values)), range(len(values)), "o", markersize=4, color=colour, label=title)
-        axes.set(xlabel=label, ylim=(len(names) - 0.4, -0.6))
-        axes.set_yticks(range(len(names)), names, fontsize=7)
-        axes.tick_params(axis="y", length=0)
-        axes.spines["left"].set_visible(False)
-        logarithmic(axes, "x")
-        handles, titles = axes.get_legend_handles_labels()
-        axes.legend(
-            handles[::-1], titles[::-1], loc="lower left", bbox_to_anchor=(-0.3, 1), borderaxespad=0.2, ncols=2,
-            columnspacing=1.0, handletextpad=0.1, fontsize=7.5,
-        )  # fmt: skip
-
-    panels = tuple(
-        panel(
-            f"joints-{quantity}",
-            f"Mean error of the {quantity} of every joint, one step ahead on held-out clips",
-            partial(draw, quantity=quantity, label=f"error of the {quantity} ({unit})"),
-            size=(4.6, 6.4),
-        )
-        for quantity, unit in (("position", "cm"), ("velocity", "cm/frame"))
+def joint_errors(evaluation: MotionEvaluation) -> Table:
+    """Return how far each joint, and its velocity, is from the truth on held-out clips."""
+    shown = {model_style(group)[0]: evaluation.candidates[name] for group, name in main_models(evaluation).items()}
+    columns = (
+        Column("Joint", numeric=False),
+        *(
+            Column(title, f"error of the {quantity}, {unit}")
+            for quantity, unit in (("position", "cm"), ("velocity", "cm/frame"))
+            for title in shown
+        ),
     )
+    rows = [
+        Row((
+            each.joint,
+            *(significant(getattr(candidate.test.joints[index], quantity))
+              for quantity in ("position", "velocity")
+              for candidate in shown.values()),
+        ))
+        for index, each in enumerate(evaluation.own.test.joints)
+    ]  # fmt: skip
     joints = evaluation.own.test.joints
     worst, best = (reduce(joints, key=lambda each: each.position) for reduce in (max, min))
     caption = (
@@ -67,7 +54,7 @@ def joint_errors(evaluation: MotionEvaluation) -> Figure:
         f"frame of the root: distance from where it was, and from its true velocity. Ours is worst at {worst.joint} "
         f"({significant(worst.position)} cm) and best at {best.joint} ({significant(best.position)} cm)."
     )
-    return Figure(caption, panels)
+    return Table(caption, columns, tuple(rows))
 
 
 def frames_over_time(evaluation: MotionEvaluation, arrays: MotionArrays) -> Chart:

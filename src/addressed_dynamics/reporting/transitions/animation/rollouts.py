@@ -38,10 +38,10 @@ def animations(arrays: Arrays, spaces: SpaceSpec) -> Figure | None:
         for row, group in sorted(zip(first.tolist(), groups.tolist(), strict=True))
     )
     longest = (arrays.rollout_true.shape[1] - 1) * spaces.step_seconds
-    which = f"The first {SECONDS:.0f} s of the rollouts" if longest > SECONDS else "The rollouts"
+    which = f"The first {SECONDS:.0f} s of the rollouts" if longest > SECONDS else "Rollouts"
     arrow = "; an arrow shows the action, which is the same on both sides" * (arrays.rollout_actions is not None)
     caption = (
-        f"{which} below, as fast as they happened{arrow}. Grey is what really happened, blue what the model makes of "
+        f"{which}, as fast as they happened{arrow}. Grey is what really happened, blue what the model makes of "
         f"the first state and the actions alone; behind the blue, the truth is there again in light grey, and above "
         f"it stands {scene.error_title}."
     )
