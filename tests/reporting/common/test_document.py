@@ -53,7 +53,7 @@ def titles(found: Report) -> list[str]:
 
 
 def facts(found: Report) -> dict[str, str]:
-    (block,) = (block for block in found.blocks if isinstance(block, Facts))
+    _, block = (block for block in found.blocks if isinstance(block, Facts))
     return dict(block.items)
 
 
@@ -62,7 +62,7 @@ def test_a_verdict_alone_makes_a_report_of_what_was_run_and_of_the_trainings() -
     assert titles(found) == ["Training", "What was run"]
     assert (found.title, found.verdict, found.front) == ("A room", "It is warm.", None)
     assert found.blocks[-1] == Text((CITATION,))
-    assert list(facts(found)) == ["Params", "Recipe", "Subnetworks", "Phase 1", "Addressing", "Phase 2", "Seeds"]
+    assert list(facts(found)) == ["Recipe", "Subnetworks", "Phase 1", "Addressing", "Phase 2", "Seeds"]
     assert facts(found)["Seeds"] == "1 and 2; the report is about seed 1"
     assert "predict" not in facts(found)["Subnetworks"]
     assert "Figure | Target" not in render_markdown(found)
@@ -84,7 +84,7 @@ def test_what_a_kind_says_of_its_networks_stands_among_the_facts() -> None:
     words = ModelWords({"Inputs": "one"}, "the next", {"Angles": "two", "Others": ""}, "argmax", {"Scale": "three"})
     said = facts(report(model=words, seed=2))
     assert list(said) == [
-        "Params", "Recipe", "Inputs", "Subnetworks", "Angles", "Phase 1", "Addressing", "Phase 2", "Seeds", "Scale",
+        "Recipe", "Inputs", "Subnetworks", "Angles", "Phase 1", "Addressing", "Phase 2", "Seeds", "Scale",
     ]  # fmt: skip
     assert said["Subnetworks"].endswith("; they predict the next")
     assert said["Seeds"] == "1 and 2; the report is about seed 2 with argmax addressing"

@@ -11,7 +11,7 @@ from addressed_dynamics.episodes.transitions import Dimension
 from addressed_dynamics.features.transitions.spec import Angle
 from addressed_dynamics.reporting.transitions.angle_study import FORMS, circle, errors, noises, root_mean_square
 from addressed_dynamics.reporting.transitions.figures import angles, episodes
-from addressed_dynamics.reporting.transitions.figures.angles import angle_forms
+from addressed_dynamics.reporting.transitions.figures.angles import SIZES, angle_forms
 from addressed_dynamics.reporting.transitions.results import Arrays
 
 ANGLE = Angle("angle_1", "cos_angle_1", "sin_angle_1", None)

@@ -87,12 +87,17 @@ def test_pictures_move_only_for_readers_who_do_not_mind(report: Report) -> None:
     assert all(each["srcset"].startswith("data:image/png;base64,iVBOR") for each in sources)
 
 
-def test_the_links_of_the_page_lead_to_its_sections_alone(report: Report) -> None:
+def test_the_links_of_the_page_lead_to_its_sections_and_to_the_files_beside_it(report: Report) -> None:
     page = Page(render_html(report))
     anchors = {f"#{attributes['id']}" for _, attributes in page.tags if "id" in attributes}
     targets = {attributes["href"] for tag, attributes in page.tags if tag == "a"}
-    assert targets
-    assert targets <= anchors
+    beside = {target for target in targets if target and target.startswith("../../")}
+    assert beside == {
+        "../../raw/mountaincar", "../../tables/mountaincar", "../../models/mountaincar", "../../figures/mountaincar",
+        "../../evaluation/mountaincar/evaluation.json",
+    }  # fmt: skip
+    assert targets - beside
+    assert targets - beside <= anchors
 
 
 def test_the_report_says_how_to_find_the_runs_and_names_none_of_them(report: Report) -> None:

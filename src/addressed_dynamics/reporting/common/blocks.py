@@ -99,6 +99,16 @@ class Facts:
 
 
 @dataclass(frozen=True)
+class Links:
+    """Files and folders beside the report."""
+
+    items: Mapping[str, str]
+    """Address by name, relative to the report."""
+    kind: str = "links"
+    """Which of the blocks this is, for the templates."""
+
+
+@dataclass(frozen=True)
 class Text:
     """Paragraphs."""
 
@@ -178,13 +188,13 @@ class Fold:
 
     title: str
     """What is in it."""
-    blocks: tuple[Table | Figure | Facts | Text | Chart, ...]
+    blocks: tuple[Table | Figure | Facts | Links | Text | Chart, ...]
     """What it holds, in order."""
     kind: str = "fold"
     """Which of the blocks this is, for the templates."""
 
 
-Block = Table | Figure | Facts | Text | Chart | Fold
+Block = Table | Figure | Facts | Links | Text | Chart | Fold
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from addressed_dynamics.evaluation.common.records import BaselineLosses, Specialisations
-from addressed_dynamics.reporting.common.blocks import Block, Fold, Front, Report, Section, Text
+from addressed_dynamics.reporting.common.blocks import Block, Facts, Fold, Front, Links, Report, Section, Text
 from addressed_dynamics.reporting.common.figures import curves, histograms, specialisation
 from addressed_dynamics.reporting.common.figures.specialisation import OF_ANY, Words
 from addressed_dynamics.reporting.common.further import further_measures
@@ -120,12 +120,26 @@ def _target_blocks(account: Account) -> tuple[Block, ...]:
 
 
 def _run_blocks(account: Account, origin: Origin[Any], seed: int) -> tuple[Block, ...]:
+    about = {"Drawn": origin.drawn, "Params": origin.params_file, "Git commit": origin.commit}
+    facts = Facts({name: value for name, value in about.items() if value})
     found = (
         Fold("Settings", (run_facts(origin, account.model, seed),)),
         Fold("Runs in MLflow", run_blocks(origin.experiment, origin.runs)),
         Fold("Source of the method", (Text(account.sources),)),
     )
-    return tuple(fold for fold in found if fold.blocks)
+    links = (Links(_beside(origin.experiment)),) if origin.experiment else ()
+    return (facts, *links, *(fold for fold in found if fold.blocks))
+
+
+def _beside(experiment: str) -> dict[str, str]:
+    """Return where the files of an experiment lie beside its report in `data/reports`."""
+    return {
+        "Logs": f"../../raw/{experiment}",
+        "Tables": f"../../tables/{experiment}",
+        "Models": f"../../models/{experiment}",
+        "What the trainings found": f"../../figures/{experiment}",
+        "What the evaluation found": f"../../evaluation/{experiment}/evaluation.json",
+    }
 
 
 def specialisation_blocks(

@@ -107,7 +107,7 @@ def addressing_blocks(evaluation: MotionEvaluation, *, paper: bool = False) -> t
     if found.members < 2:
         return ()
     return (
-        addressing.phase_shares(found),
+        addressing.phase_shares(found, paper=paper),
         tables.phase_table(evaluation),
         *specialisation_blocks(found.specialisations, replace(WORDS, paper=paper)),
     )
@@ -134,7 +134,7 @@ def _one_step_blocks(results: MotionResults, origin: Origin[MotionFeatureParams]
     efforts = {name.partition("/seed-")[0]: each for name, each in by_seed.items()}
     return (
         tables.block_table(evaluation),
-        one_step.frames_over_time(evaluation, results.arrays),
+        one_step.frames_over_time(evaluation, results.arrays, cited=" (Fig. 7 of the paper)" * paper),
         Fold(
             "All candidates one step ahead, and every joint",
             (tables.one_step_table(evaluation, efforts, paper=paper), one_step.joint_errors(evaluation)),

@@ -170,7 +170,7 @@ def _blocks_sentence(blocks: BlocksResult, transitions: int) -> str:
 
 
 def _table_blocks(results: TransitionResults, paper: PaperFigures | None) -> tuple[Block, ...]:
-    figure = members.loss_profiles(results.arrays)
+    figure = members.loss_profiles(results.arrays, cited=" (Fig. 2 of the paper)" * (paper is not None))
     table = () if paper and paper.networks else (tables.paper_table(results.evaluation, paper),)
     return (*table, *([figure] if figure else []))
 

@@ -129,7 +129,7 @@ def addressing_training(curves: Mapping[str, Columns], seed: str, validation: st
         for choice, (column, label, factor) in wanted.items()
     )  # fmt: skip
     kinds = {
-        "plain": "the paper's plain cross-entropy",
+        "plain": "plain cross-entropy",
         "cost_sensitive": "the one weighted by what a wrong choice costs",
     }
     trained = listed([f"for {title}" for name, title in kinds.items() if name in shown])

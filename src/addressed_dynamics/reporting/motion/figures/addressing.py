@@ -14,7 +14,7 @@ TITLES = {"train": "training frames", "test": "held-out clips"}
 """What each split is called."""
 
 
-def phase_shares(found: Addressing) -> Chart:
+def phase_shares(found: Addressing, *, paper: bool) -> Chart:
     """Return the share of each network around the gait cycle, for every gait."""
     views = tuple(
         View((TITLES[name], use.gait), "share of the frames, %", *_shares(use), logarithmic=False)
@@ -22,6 +22,8 @@ def phase_shares(found: Addressing) -> Chart:
         for use in split.gaits
     )
     above = found.test.all.information_share > found.test.all.chance_share_p95
+    holds = "holds" if above else "does not hold"
+    claim = f"The paper's claim, that addressing finds the phase by itself, {holds} on these data." * paper
     caption = (
         "Which network is selected over the phase of the gait cycle (0: right foot strikes), without any network being "
         "given the phase. Lines that change with the phase say that the networks have divided the gait cycle among "
@@ -29,8 +31,7 @@ def phase_shares(found: Addressing) -> Chart:
         f"{percent(found.train.all.information_share)} of the choice on training frames, where chance gives "
         f"{percent(found.train.all.chance_share)}, and {percent(found.test.all.information_share)} on held-out clips, "
         f"where chance gives {percent(found.test.all.chance_share)} and in one case of 20 more than "
-        f"{percent(found.test.all.chance_share_p95)}. The paper's claim, that addressing finds the phase by itself, "
-        f"{'holds' if above else 'does not hold'} on these data."
+        f"{percent(found.test.all.chance_share_p95)}. {claim}"
     )
     alternative = "Share of each network over the phase of the gait cycle, for every gait"
     label = "phase of the gait cycle, 0 to 1"

@@ -57,7 +57,7 @@ def joint_errors(evaluation: MotionEvaluation) -> Table:
     return Table(caption, columns, tuple(rows))
 
 
-def frames_over_time(evaluation: MotionEvaluation, arrays: MotionArrays) -> Chart:
+def frames_over_time(evaluation: MotionEvaluation, arrays: MotionArrays, *, cited: str = "") -> Chart:
     """Return hips and head along a held-out clip, true and predicted one step ahead, with the errors (Fig. 7)."""
     shown = main_models(evaluation, arrays.frames)
     steps = len(arrays.true)
@@ -82,7 +82,7 @@ def frames_over_time(evaluation: MotionEvaluation, arrays: MotionArrays) -> Char
         ]
     few = "" if steps >= 1000 else ", as no held-out stretch is longer"
     caption = (
-        f"Hips and head over {steps:,} frames of a held-out clip{few} (Fig. 7 of the paper), in the frame of the "
+        f"Hips and head over {steps:,} frames of a held-out clip{few}{cited}, in the frame of the "
         "root, one step ahead: every prediction starts from the true frame before."
     )
     alternative = "Hips and head along a held-out clip, true and predicted one step ahead, and the absolute errors"
