@@ -1,5 +1,8 @@
 """Write the report, and keep it in MLflow together with the delivered model."""
 
+import platform
+from datetime import UTC, datetime
+
 from addressed_dynamics import tracking
 from addressed_dynamics.base.kinds import supplied
 from addressed_dynamics.base.params.experiments import load_experiment
@@ -7,7 +10,7 @@ from addressed_dynamics.base.versions import code_version, output_digests
 from addressed_dynamics.reporting.common.render import FIGURES
 from addressed_dynamics.reporting.common.written import Subject
 from addressed_dynamics.simulators.delivery import ROOMS
-from pipeline.stage import Call, evaluation_dir, figures_dir, models_dir, reports_dir, run_stage
+from pipeline.stage import Call, available_cores, evaluation_dir, figures_dir, models_dir, reports_dir, run_stage
 
 
 def main(call: Call) -> str:
@@ -17,7 +20,7 @@ def main(call: Call) -> str:
     trained = {name: each for name, each in output_digests(models).items() if name.partition("/")[0] in ROOMS}
     subject = Subject(
         experiment, params, call.params_file.as_posix(), models, figures_dir(experiment), evaluation_dir(experiment),
-        code_version(), trained,
+        code_version(), trained, _when_and_where(),
     )  # fmt: skip
     written = supplied("reporting", call.kind).write(subject, target)
     with tracking.run(stage="report", experiment=experiment, name=f"{experiment} report", params={},
@@ -29,6 +32,13 @@ def main(call: Call) -> str:
             model, example = written.model
             run.log_model(model, example, experiment)
     return f"{written.verdict} {target / 'report.html'}"
+
+
+def _when_and_where() -> str:
+    """Return the date and the machine on which the report is drawn."""
+    day = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
+    machine = f"{platform.system()} {platform.machine()}, {available_cores()} cores"
+    return f"{day}, {machine}, Python {platform.python_version()}"
 
 
 if __name__ == "__main__":

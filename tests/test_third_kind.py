@@ -47,7 +47,7 @@ def test_a_made_up_kind_of_data_goes_through_all_stages_to_a_report(tmp_path: Pa
     assert f"The room is off by {evaluation['mean_error']:.3g} degrees." in report
     assert "worst_error" in report
     titles = [line.removeprefix("## ") for line in report.splitlines() if line.startswith("## ")]
-    assert titles == ["Verdict", "What was run", "Errors", "Training", "Runs", "Source"]
+    assert titles == ["Errors", "Training", "What was run"]
     assert "epochs, bins by Algorithm 1" in report
-    assert "![Phase 1 over the epochs: validation](figures/ensemble-validation.png)" in report
+    assert "*validation loss, best network (validation)*" in report
     assert {path: path.read_bytes() for path in before} == before

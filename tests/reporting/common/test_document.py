@@ -3,10 +3,11 @@
 from typing import Any
 
 import numpy as np
+import pytest
 from example_params import EXAMPLE
 
 from addressed_dynamics.base.params.training import AddressingParams, EnsembleParams
-from addressed_dynamics.reporting.common.blocks import Facts, Figure, Report, Section, Text
+from addressed_dynamics.reporting.common.blocks import Chart, Facts, Report, Section, Table, Text
 from addressed_dynamics.reporting.common.document import Account, build_report
 from addressed_dynamics.reporting.common.figures.specialisation import Words
 from addressed_dynamics.reporting.common.origin import ModelWords, Origin
@@ -25,9 +26,9 @@ TRAININGS = Trainings(
 )
 TEXT = (Text(("Something.",)),)
 FULL: dict[str, Any] = {
-    "opening": (Section("Seen at once", TEXT),),
     "data": TEXT,
     "found": (Section("First", TEXT), Section("Nothing found", ()), Section("Second", TEXT)),
+    "method": (Section("How it works", TEXT), Section("Nothing to say", ())),
     "seeds": TEXT,
 }
 
@@ -52,15 +53,16 @@ def titles(found: Report) -> list[str]:
 
 
 def facts(found: Report) -> dict[str, str]:
-    (block,) = (block for section in found.sections for block in section.blocks if isinstance(block, Facts))
+    _, block = (block for block in found.blocks if isinstance(block, Facts))
     return dict(block.items)
 
 
 def test_a_verdict_alone_makes_a_report_of_what_was_run_and_of_the_trainings() -> None:
     found = report()
-    assert titles(found) == ["What was run", "Training", "Source"]
-    assert (found.title, found.verdict, found.sections[-1].blocks) == ("A room", "It is warm.", (Text((CITATION,)),))
-    assert list(facts(found)) == ["Params", "Recipe", "Subnetworks", "Phase 1", "Addressing", "Phase 2", "Seeds"]
+    assert titles(found) == ["Training", "What was run"]
+    assert (found.title, found.verdict, found.front) == ("A room", "It is warm.", None)
+    assert found.blocks[-1] == Text((CITATION,))
+    assert list(facts(found)) == ["Recipe", "Subnetworks", "Phase 1", "Addressing", "Phase 2", "Seeds"]
     assert facts(found)["Seeds"] == "1 and 2; the report is about seed 1"
     assert "predict" not in facts(found)["Subnetworks"]
     assert "Figure | Target" not in render_markdown(found)
@@ -68,31 +70,43 @@ def test_a_verdict_alone_makes_a_report_of_what_was_run_and_of_the_trainings() -
 
 
 def test_the_sections_of_a_kind_stand_between_those_of_every_report_and_empty_ones_are_left_out() -> None:
-    assert titles(report(**FULL, further=True)) == [
-        "Seen at once", "What was run", "The data", "First", "Second", "Seeds", "Further measures",
-        "Training", "Source",
+    found = report(**FULL, further=True, findings=("It was not cold.",))
+    assert titles(found) == [
+        "The data", "First", "Second", "In words", "How it works", "Seeds", "Further measures", "Training",
+        "What was run",
     ]  # fmt: skip
+    folded = [section.title for section in found.sections if section.folded]
+    assert folded == ["In words", "How it works", "Seeds", "Further measures", "Training"]
+    assert not any(section.opened for section in found.sections)
 
 
 def test_what_a_kind_says_of_its_networks_stands_among_the_facts() -> None:
     words = ModelWords({"Inputs": "one"}, "the next", {"Angles": "two", "Others": ""}, "argmax", {"Scale": "three"})
     said = facts(report(model=words, seed=2))
     assert list(said) == [
-        "Params", "Recipe", "Inputs", "Subnetworks", "Angles", "Phase 1", "Addressing", "Phase 2", "Seeds", "Scale",
+        "Recipe", "Inputs", "Subnetworks", "Angles", "Phase 1", "Addressing", "Phase 2", "Seeds", "Scale",
     ]  # fmt: skip
     assert said["Subnetworks"].endswith("; they predict the next")
     assert said["Seeds"] == "1 and 2; the report is about seed 2 with argmax addressing"
 
 
-def test_targets_stand_below_the_verdict() -> None:
-    found = report(targets=(Target("Warmth", "at least 20", "21", met=True),), targets_caption="In degrees.")
-    assert found.targets.caption == "In degrees."
+@pytest.mark.parametrize("paper", [False, True])
+def test_targets_are_unfolded_for_the_paper_s_experiments_alone(paper: bool) -> None:
+    targets = (Target("Warmth", "at least 20", "21", met=True),)
+    found = report(targets=targets, targets_caption="In degrees.", targets_title="Wanted", paper=paper)
+    section = found.sections[0]
+    assert (section.title, section.folded, section.opened) == ("Wanted", True, paper)
+    (table,) = section.blocks
+    assert isinstance(table, Table)
+    assert (table.caption, table.stacked) == ("In degrees.", True)
     assert "| Warmth | at least 20 | 21 | reached |" in render_markdown(found)
 
 
 def test_the_captions_of_the_trainings_use_the_words_of_the_kind() -> None:
-    (training,) = (section for section in report(words=Words("x", "degrees", "cold days")).sections[1:2])
-    captions = [block.caption for block in training.blocks if isinstance(block, Figure)]
+    (training,) = (
+        section for section in report(words=Words("x", "degrees", "cold days")).sections if section.title == "Training"
+    )
+    captions = [block.caption for block in training.blocks if isinstance(block, Chart)]
     assert len(captions) == 2
     assert "All losses are of degrees." in captions[0]
     assert "on cold days:" in captions[1]
@@ -100,4 +114,4 @@ def test_the_captions_of_the_trainings_use_the_words_of_the_kind() -> None:
 
 def test_of_a_seed_without_curves_of_its_addressing_those_of_the_ensemble_are_shown() -> None:
     (training,) = (section for section in report(seed=2).sections if section.title == "Training")
-    assert [isinstance(block, Figure) for block in training.blocks] == [True]
+    assert [isinstance(block, Chart) for block in training.blocks] == [True]

@@ -26,10 +26,10 @@ from addressed_dynamics.base.errors import ReportError
 from addressed_dynamics.evaluation.common.records import BaselineLosses, Specialisations
 from addressed_dynamics.evaluation.transitions.records import Evaluation
 from addressed_dynamics.features.transitions.spec import Angle
-from addressed_dynamics.reporting.common.blocks import Figure, Table
+from addressed_dynamics.reporting.common.blocks import Table
 from addressed_dynamics.reporting.common.candidates import Effort
 from addressed_dynamics.reporting.common.figures.histograms import loss_histograms, output_histograms
-from addressed_dynamics.reporting.common.figures.specialisation import mean_losses, samples_by_member
+from addressed_dynamics.reporting.common.figures.specialisation import OF_STATES, mean_losses, samples_by_member
 from addressed_dynamics.reporting.common.render import render_markdown
 from addressed_dynamics.reporting.transitions.claims import claims_table, specialists_table
 from addressed_dynamics.reporting.transitions.document import headline
@@ -253,22 +253,41 @@ def test_all_members_that_are_never_selected_are_named() -> None:
 
 
 @pytest.mark.parametrize(("members", "unused"), [(2, False), (5, False), (8, True)])
-def test_each_figure_of_specialisation_has_both_splits_side_by_side(members: int, unused: bool) -> None:
+def test_each_chart_of_specialisation_has_both_splits_and_cites_the_paper_where_it_is_its(
+    members: int, unused: bool
+) -> None:
     found = both(members, unused=unused)
     baselines = BaselineLosses.model_validate(
         {split: {"wide/seed-0": 1e-5, "wide/seed-1": 2e-5, "other/seed-0": 0.0} for split in ("train", "test")}
     )
-    figures: list[Figure] = [
-        samples_by_member(found, None),
-        mean_losses(found, baselines),
-        loss_histograms(found),
-        output_histograms(found),
-    ]
-    for figure, number in zip(figures, (8, 9, 10, 11), strict=True):
-        assert f"(Fig. {number} of the paper)" in figure.caption
-        assert [panel.name.rpartition("-")[2] for panel in figure.panels] == ["train", "test"]
-        assert "nan" not in figure.caption
-    assert "other, 0." in figures[1].caption
+    for paper in (True, False):
+        words = replace(OF_STATES, paper=paper)
+        charts = [
+            samples_by_member(found, None, words),
+            mean_losses(found, baselines, words),
+            loss_histograms(found, words),
+            output_histograms(found, words),
+        ]
+        for chart, number in zip(charts, (8, 9, 10, 11), strict=True):
+            assert (f"(Fig. {number} of the paper)" in chart.caption) == paper
+            assert [view.choice for view in chart.views] == [("training points",), ("held-out episodes",)]
+            assert "nan" not in chart.caption
+            assert all(len(view.lines) >= members for view in chart.views)
+    assert "other, 0." in charts[1].caption
+
+
+def test_the_charts_of_specialisation_have_the_numbers_that_were_measured() -> None:
+    found = both(3)
+    samples = samples_by_member(found, None).views[1]
+    assert [line.values[0] for line in samples.lines] == pytest.approx(
+        [100 * count / found.test.samples for count in found.test.addressed], rel=5e-4
+    )
+    losses = mean_losses(found, BaselineLosses(train={}, test={})).views[0]
+    assert [line.high[0] for line in losses.lines[:3]] == pytest.approx(list(found.train.mean_loss.all), rel=5e-4)
+    assert [line.low[0] for line in losses.lines[:3]] == pytest.approx(list(found.train.mean_loss.own), rel=5e-4)
+    counted = output_histograms(found).views[1]
+    assert [line.values for line in counted.lines] == [pytest.approx(each) for each in found.test.output_counts]
+    assert sum(line.shown for line in counted.lines) == 3
 
 
 def test_figures_without_single_networks_or_losses_say_nothing_of_them() -> None:
@@ -328,11 +347,11 @@ def test_the_report_of_acrobot_is_whole(tmp_path: Path) -> None:
     report = transitions_report(results, origin(SPACES, title="Acrobot"), ACROBOT_PAPER)
     titles = [section.title for section in report.sections]
     assert {"Subnetworks", "Specialisation"} < set(titles)
-    assert titles[titles.index("Rollouts") + 1] == "The two recipes"
-    assert "Table 1" not in titles
-    shown = {panel.name for panel in report.panels}
-    for figure in ("samples", "mean-loss", "losses", "outputs"):
-        assert {f"specialisation-{figure}-{split}" for split in ("train", "test")} < shown
+    assert titles[titles.index("Specialisation") + 1] == "The two recipes"
+    (stated,) = (section for section in report.sections if section.title == "The paper's figures")
+    assert [type(block) for block in stated.blocks] == [Table, Table], "the targets, and the errors that it states"
+    shown = {chart.name for chart in report.charts}
+    assert {f"specialisation-{name}" for name in ("samples", "mean-loss", "losses", "outputs")} < shown
     text = render_markdown(report)
     assert "nan" not in text.lower()
     assert "the paper, one rollout figure" not in text

@@ -11,7 +11,7 @@ from addressed_dynamics.episodes.transitions import Dimension
 from addressed_dynamics.features.transitions.spec import Angle
 from addressed_dynamics.reporting.transitions.angle_study import FORMS, circle, errors, noises, root_mean_square
 from addressed_dynamics.reporting.transitions.figures import angles, episodes
-from addressed_dynamics.reporting.transitions.figures.angles import angle_forms
+from addressed_dynamics.reporting.transitions.figures.angles import SIZES, angle_forms
 from addressed_dynamics.reporting.transitions.results import Arrays
 
 ANGLE = Angle("angle_1", "cos_angle_1", "sin_angle_1", None)
@@ -41,12 +41,15 @@ def test_small_noise_moves_the_weighted_angle_and_atan2_alike_and_arccos_and_arc
 
 def test_the_figure_says_which_form_is_the_better_and_which_is_used() -> None:
     figure = angle_forms("atan2")
-    assert [panel.name for panel in figure.panels] == [
-        "angle-by-angle",
-        "angle-independent",
-        "angle-radial",
-        "angle-compared",
+    assert [view.choice[0] for view in figure.views] == [
+        "against the angle",
+        "against the size: independent noise in cosine and sine",
+        "against the size: radial noise: both scaled alike",
+        "weighted beyond atan2",
     ]
+    independent = {line.name: line.values[SIZES.index(1e-3)] for line in figure.views[1].lines}
+    study = errors("atan2", circle(), noises(circle())["independent"], 1e-3)
+    assert independent["atan2"] == pytest.approx(root_mean_square(study), rel=5e-4)
     assert "Noise of 1\u202f×\u202f10⁻³: atan2 errs by 1.0\u202f×\u202f10⁻³ rad" in figure.caption
     assert "atan2 is nowhere the worse of the two" in figure.caption
     assert "only with noise in the cosine alone" in figure.caption
@@ -72,7 +75,12 @@ def test_angles_are_drawn_one_step_ahead_without_jumps() -> None:
     truth, predicted = episodes._turns(arrays, rows, dimensions, ANGLE)
     np.testing.assert_allclose(truth, turn, atol=1e-6)
     np.testing.assert_allclose(predicted, turn + 0.01, atol=1e-6)
-    figure = episodes.one_step_prediction(arrays, dimensions, [ANGLE])
-    assert [panel.name for panel in figure.panels][-1] == "one-step-angle_1"
-    assert "atan2" in figure.caption
+    chart = episodes.one_step_prediction(arrays, dimensions, [ANGLE])
+    course, error = chart.views[-2:]
+    assert (course.choice, error.choice) == (("angle_1", "course"), ("angle_1", "error"))
+    prediction, truth_line = course.lines
+    assert truth_line.values == pytest.approx(turn[:200], rel=5e-4, abs=1e-6)
+    assert prediction.values == pytest.approx(turn[:200] + 0.01, rel=5e-4, abs=1e-6)
+    assert error.lines[0].values == pytest.approx(np.full(200, 0.01), rel=1e-3)
+    assert "atan2" in chart.caption
     assert "atan2" not in episodes.one_step_prediction(arrays, dimensions).caption

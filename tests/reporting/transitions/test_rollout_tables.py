@@ -148,9 +148,13 @@ def test_angles_and_energy_are_drawn_for_each_segment_and_for_all_only_without_s
     for row in horizon_rows(acrobot_spaces(), {"zero_torque": 2}):
         columns = {name: np.array([value]) for name, value in row.items() if name not in {"group", "model"}}
         horizon.setdefault(row["group"], {})[row["model"]] = columns
-    quantities = ("angle-1-error", "angle-2-error", "energy-error", "energy-drift")
-    figure = angles_and_energy(horizon, physics)
-    assert [panel.name for panel in figure.panels] == [f"{quantity}-0" for quantity in quantities]
-    assert all("from zero torque" in panel.alternative for panel in figure.panels)
-    (first, *_) = angles_and_energy({"all": horizon["all"]}, physics).panels
-    assert "from" not in first.alternative
+    chart = angles_and_energy(horizon, physics)
+    quantities = ["first angle", "second angle", "energy", "energy since the start"]
+    assert [view.choice for view in chart.views] == [("zero torque", quantity) for quantity in quantities]
+    first = chart.views[0]
+    assert [line.name for line in first.lines if line.shown] == [
+        "addressed ensemble", "two true simulations", "true simulator, recorded start",
+    ]  # fmt: skip
+    assert first.lines[0].values == (2e-4,)
+    assert first.level == physics.angle_limit
+    assert {view.choice[0] for view in angles_and_energy({"all": horizon["all"]}, physics).views} == {"all"}

@@ -7,12 +7,12 @@ left out of the report.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from addressed_dynamics.evaluation.common.records import BaselineLosses, Specialisations
-from addressed_dynamics.reporting.common.blocks import Block, Report, Section, Text
+from addressed_dynamics.reporting.common.blocks import Block, Facts, Fold, Front, Links, Report, Section, Text
 from addressed_dynamics.reporting.common.figures import curves, histograms, specialisation
 from addressed_dynamics.reporting.common.figures.specialisation import OF_ANY, Words
 from addressed_dynamics.reporting.common.further import further_measures
@@ -34,16 +34,22 @@ class Account:
 
     verdict: str
     """The result in one or two sentences."""
+    front: Front | None = None
+    """What stands on the first screen; None for the verdict alone."""
     subtitle: str = "An error-based addressing architecture"
     """One line below the title."""
     findings: tuple[str, ...] = ()
     """The sentences that the verdict rests on."""
     targets: tuple[Target, ...] = ()
     """What was to be reached, and what was."""
+    targets_title: str = "Targets"
+    """Title of the section on them."""
+    beside_targets: tuple[Block, ...] = ()
+    """What else stands in it."""
+    paper: bool = False
+    """Whether the experiment is the paper's, so that this section is unfolded at first."""
     targets_caption: str = ""
     """What the table of targets shows."""
-    opening: tuple[Section, ...] = ()
-    """What stands first of all."""
     model: ModelWords = field(default_factory=ModelWords)
     """What there is to say of the networks, among all that was run."""
     seed: int | None = None
@@ -52,6 +58,8 @@ class Account:
     """The section on the data."""
     found: tuple[Section, ...] = ()
     """What was found of the data and of the models, in the kind's own order."""
+    method: tuple[Section, ...] = ()
+    """What was found of the method, which is folded away."""
     seeds: tuple[Block, ...] = ()
     """The section on the spread over seeds."""
     words: Words = OF_ANY
@@ -83,25 +91,55 @@ def build_report(account: Account, trainings: Trainings, origin: Origin[Any], fu
         further: what was measured and has no section of its own.
     """
     seed = origin.ensemble.seeds[0] if account.seed is None else account.seed
-    sections = (
-        *account.opening,
-        Section("What was run", (run_facts(origin, account.model, seed),)),
-        Section("The data", account.data),
-        *account.found,
+    method = (
+        Section("In words", (Text((account.verdict, *account.findings)),) if account.findings else ()),
+        *account.method,
         Section("Seeds", account.seeds),
         Section("Further measures", tuple(further)),
         Section("Training", _training_blocks(trainings, seed, account.words)),
-        Section("Runs", run_blocks(origin.experiment, origin.runs)),
-        Section("Source", (Text(account.sources),)),
+    )
+    sections = (
+        Section("The data", account.data),
+        *account.found,
+        Section(account.targets_title, _target_blocks(account), folded=True, opened=account.paper),
+        *(replace(section, folded=True) for section in method),
+        Section("What was run", _run_blocks(account, origin, seed)),
     )
     return Report(
         title=origin.title,
         subtitle=account.subtitle,
         verdict=account.verdict,
-        findings=account.findings,
-        targets=target_table(account.targets, account.targets_caption),
+        front=account.front,
         sections=tuple(section for section in sections if section.blocks),
     )
+
+
+def _target_blocks(account: Account) -> tuple[Block, ...]:
+    targets = (target_table(account.targets, account.targets_caption),) if account.targets else ()
+    return (*targets, *account.beside_targets)
+
+
+def _run_blocks(account: Account, origin: Origin[Any], seed: int) -> tuple[Block, ...]:
+    about = {"Drawn": origin.drawn, "Params": origin.params_file, "Git commit": origin.commit}
+    facts = Facts({name: value for name, value in about.items() if value})
+    found = (
+        Fold("Settings", (run_facts(origin, account.model, seed),)),
+        Fold("Runs in MLflow", run_blocks(origin.experiment, origin.runs)),
+        Fold("Source of the method", (Text(account.sources),)),
+    )
+    links = (Links(_beside(origin.experiment)),) if origin.experiment else ()
+    return (facts, *links, *(fold for fold in found if fold.blocks))
+
+
+def _beside(experiment: str) -> dict[str, str]:
+    """Return where the files of an experiment lie beside its report in `data/reports`."""
+    return {
+        "Logs": f"../../raw/{experiment}",
+        "Tables": f"../../tables/{experiment}",
+        "Models": f"../../models/{experiment}",
+        "What the trainings found": f"../../figures/{experiment}",
+        "What the evaluation found": f"../../evaluation/{experiment}/evaluation.json",
+    }
 
 
 def specialisation_blocks(

@@ -59,6 +59,8 @@ class Origin(Generic[Described]):
     """Digests of what was trained, with which MLflow's runs are tagged, by the outputs' names."""
     experiment: str = ""
     """Name of the experiment, in MLflow too; empty if it is not known."""
+    drawn: str = ""
+    """When the report was drawn, and on which machine; empty if nobody says."""
 
 
 @dataclass(frozen=True)
@@ -110,6 +112,7 @@ def origin_of(
         addressing=AddressingParams.model_validate(trained.addressing.notes["params"], strict=False),
         runs=subject.runs,
         experiment=subject.experiment,
+        drawn=subject.drawn,
     )
 
 
@@ -125,7 +128,6 @@ def run_facts(origin: Origin[Described], words: ModelWords, seed: int) -> Facts:
     predicted = f"; they predict {words.predicted}" if words.predicted else ""
     mode = f" with {words.mode} addressing" if words.mode else ""
     facts = {
-        "Params": origin.params_file,
         "Recipe": {"default": "the default", "paper": "the paper's"}[origin.recipe],
         **words.given,
         "Subnetworks": f"{subnetwork_words(ensemble)}{predicted}",
@@ -143,6 +145,5 @@ def run_facts(origin: Origin[Described], words: ModelWords, seed: int) -> Facts:
         "Seeds": f"{listed(list(map(str, ensemble.seeds)))}; the report is about seed {seed}{mode}",
         "Versions": ", ".join(f"{name} {number}" for name, number in origin.versions.items()),
         **words.notes,
-        "Git commit": origin.commit,
     }
     return Facts({name: value for name, value in facts.items() if value})

@@ -6,9 +6,11 @@ import base64
 from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
 
 from addressed_dynamics.base.files import atomic_path, write_text
 from addressed_dynamics.reporting.common.blocks import Report
+from addressed_dynamics.reporting.common.charts import chart_json, value_table
 
 FIGURES = "figures"
 """Name of the folder of pictures beside the Markdown."""
@@ -28,6 +30,7 @@ def render_html(report: Report) -> str:
     """Return the report as an HTML file that loads nothing from elsewhere."""
     environment = _environment(autoescape=True)
     environment.filters["data_uri"] = _data_uri
+    environment.filters["chart_json"] = lambda chart: Markup(chart_json(chart))  # it has no markup
     return environment.get_template("report.html.j2").render(report=report)
 
 
@@ -39,7 +42,7 @@ def render_markdown(report: Report) -> str:
 
 
 def _environment(*, autoescape: bool) -> Environment:
-    return Environment(
+    environment = Environment(
         loader=PackageLoader("addressed_dynamics.reporting.common"),
         autoescape=autoescape,  # the Markdown twin is no HTML
         undefined=StrictUndefined,
@@ -47,6 +50,8 @@ def _environment(*, autoescape: bool) -> Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
+    environment.filters["value_table"] = value_table
+    return environment
 
 
 def _data_uri(content: bytes, picture_format: str) -> str:

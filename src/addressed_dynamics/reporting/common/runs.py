@@ -6,10 +6,10 @@ tagged.
 
 from collections.abc import Mapping
 
-from addressed_dynamics.reporting.common.blocks import Block, Facts, Text
+from addressed_dynamics.reporting.common.blocks import Facts, Text
 
 
-def run_blocks(experiment: str, outputs: Mapping[str, str]) -> tuple[Block, ...]:
+def run_blocks(experiment: str, outputs: Mapping[str, str]) -> tuple[Text | Facts, ...]:
     """Return how to find the runs; nothing if no output is known.
 
     Args:

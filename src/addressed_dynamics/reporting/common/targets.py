@@ -47,4 +47,4 @@ def target_table(targets: Sequence[Target], caption: str) -> Table:
         Column("", numeric=False),
     )
     rows = [Row((each.name, each.wanted, each.found, words[each.met]), words[each.met]) for each in targets]
-    return Table(caption, columns, tuple(rows))
+    return Table(caption, columns, tuple(rows), stacked=True)

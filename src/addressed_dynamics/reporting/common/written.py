@@ -29,6 +29,8 @@ class Subject:
     """Version of the code."""
     runs: Mapping[str, str]
     """Digests of what was trained, with which runs are tagged, by the outputs' names."""
+    drawn: str = ""
+    """When the report is drawn, and on which machine; empty if nobody says."""
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,11 @@ from jaxtyping import Bool, Float, Float64
 
 from addressed_dynamics.base.errors import ReportError
 from addressed_dynamics.episodes.layout import JOINTS
-from addressed_dynamics.reporting.common.figures.style import MEMBERS
+from addressed_dynamics.reporting.common.figures.style import ACTION, OWN, REACHED
 
-BODIES = (MEMBERS[0], "#5a5a5a")
+BODIES = (OWN, "#5a5a5a")
 """Colour of the first person and of the second one."""
-ASKED, TOUCHED = MEMBERS[1], MEMBERS[2]
+ASKED, TOUCHED = ACTION, REACHED
 """Colour of the command, and of what touches the ground."""
 ARROW_FRAMES = 24
 """The command's arrow ends where one who obeys is after so many frames."""

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from statistics import median
 
 from addressed_dynamics.evaluation.motion.records import MotionEvaluation
-from addressed_dynamics.reporting.common.blocks import Block, Section
+from addressed_dynamics.reporting.common.blocks import Block, Figure, Fold, Section
 from addressed_dynamics.reporting.common.candidates import efforts_of
 from addressed_dynamics.reporting.common.document import Account, specialisation_blocks
 from addressed_dynamics.reporting.common.figures.specialisation import Words
@@ -13,6 +14,7 @@ from addressed_dynamics.reporting.common.origin import Origin
 from addressed_dynamics.reporting.common.targets import reached
 from addressed_dynamics.reporting.motion import loop_tables, tables
 from addressed_dynamics.reporting.motion.figures import addressing, closed_loop, films, one_step
+from addressed_dynamics.reporting.motion.front import best_other, motion_front
 from addressed_dynamics.reporting.motion.paper import SOURCES
 from addressed_dynamics.reporting.motion.recorded import data_blocks
 from addressed_dynamics.reporting.motion.results import MotionResults
@@ -36,24 +38,34 @@ def motion_account(results: MotionResults, origin: Origin[MotionFeatureParams], 
     evaluation, made_up = results.evaluation, results.data.made_up
     delivered = evaluation.delivered
     targets = judge_targets(evaluation)
+    seen = films.films(evaluation, results.arrays)
+    other = best_other(evaluation)
     found = (
+        Section("Closed loop", _loop_blocks(results, seen)),
         Section("One step ahead", _one_step_blocks(results, origin, paper=paper)),
-        Section("Addressing", addressing_blocks(evaluation)),
-        Section("Closed loop", _loop_blocks(results)),
+        Section("Candidates", (tables.seed_table(evaluation),)),
     )
     return Account(
         subtitle=subtitle(made_up=made_up),
         verdict=verdict(evaluation, targets, made_up=made_up),
+        front=motion_front(
+            evaluation,
+            origin.experiment,
+            made_up=made_up,
+            films=seen,
+            loop=closed_loop.over_time(evaluation, results.arrays, other),
+        ),
         findings=findings(evaluation, made_up=made_up, target=origin.features.target, paper=paper),
         targets=targets,
+        targets_title="The paper's figures" if paper else "Targets",
         targets_caption=targets_caption(len(evaluation.models[evaluation.own_group]), paper=paper),
-        opening=(Section("In motion", (films.films(evaluation, results.arrays),)),),
+        paper=paper,
         model=model_words(origin.features, delivered.mode),
         seed=delivered.seed,
         data=data_blocks(results.data),
         found=found,
-        seeds=(tables.seed_table(evaluation),),
-        words=WORDS,
+        method=(Section("Addressing", addressing_blocks(evaluation, paper=paper)),),
+        words=replace(WORDS, paper=paper),
         sources=SOURCES,
     )
 
@@ -61,7 +73,7 @@ def motion_account(results: MotionResults, origin: Origin[MotionFeatureParams], 
 def subtitle(*, made_up: bool) -> str:
     """Return the line below the title, which says plainly when the data are synthetic."""
     data = "SYNTHETIC clips of a made-up walker, not motion capture" if made_up else "motion capture"
-    return f"An error-based addressing architecture beside PFNN, learned from {data}"
+    return f"A character under commands, learned from {data}"
 
 
 def motion_headline(results: MotionResults) -> dict[str, float]:
@@ -84,26 +96,35 @@ def motion_headline(results: MotionResults) -> dict[str, float]:
     return figures
 
 
-def addressing_blocks(evaluation: MotionEvaluation) -> tuple[Block, ...]:
-    """Return the section on who serves which frames; nothing if there is one network."""
+def addressing_blocks(evaluation: MotionEvaluation, *, paper: bool = False) -> tuple[Block, ...]:
+    """Return the section on who serves which frames; nothing if there is one network.
+
+    Args:
+        evaluation: what was measured.
+        paper: whether the experiment is the paper's, so that its figures are cited.
+    """
     found = evaluation.addressing
     if found.members < 2:
         return ()
     return (
-        addressing.phase_shares(found),
+        addressing.phase_shares(found, paper=paper),
         tables.phase_table(evaluation),
-        *specialisation_blocks(found.specialisations, WORDS),
+        *specialisation_blocks(found.specialisations, replace(WORDS, paper=paper)),
     )
 
 
-def _loop_blocks(results: MotionResults) -> tuple[Block, ...]:
+def _loop_blocks(results: MotionResults, seen: Figure) -> tuple[Block, ...]:
     evaluation, arrays = results.evaluation, results.arrays
+    others = seen.panels[1:]
     return (
+        closed_loop.scores(evaluation),
+        closed_loop.paths(evaluation, arrays),
+        *((Figure(seen.caption, others),) if others else ()),
         loop_tables.loop_table(evaluation),
-        closed_loop.paths_and_scores(evaluation, arrays),
-        closed_loop.over_time(evaluation, arrays),
-        loop_tables.kind_table(evaluation),
-        loop_tables.mode_table(evaluation),
+        Fold(
+            "By kind of command, and by the use of the addressing network",
+            (loop_tables.kind_table(evaluation), loop_tables.mode_table(evaluation)),
+        ),
     )
 
 
@@ -112,8 +133,10 @@ def _one_step_blocks(results: MotionResults, origin: Origin[MotionFeatureParams]
     by_seed = efforts_of(results.baselines, origin.ensemble, evaluation.splits.get("train"))
     efforts = {name.partition("/seed-")[0]: each for name, each in by_seed.items()}
     return (
-        tables.one_step_table(evaluation, efforts, paper=paper),
         tables.block_table(evaluation),
-        one_step.joint_errors(evaluation),
-        one_step.frames_over_time(evaluation, results.arrays),
+        one_step.frames_over_time(evaluation, results.arrays, cited=" (Fig. 7 of the paper)" * paper),
+        Fold(
+            "All candidates one step ahead, and every joint",
+            (tables.one_step_table(evaluation, efforts, paper=paper), one_step.joint_errors(evaluation)),
+        ),
     )

@@ -5,20 +5,21 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from addressed_dynamics.evaluation.motion.records import ENSEMBLE, MotionEvaluation
-from addressed_dynamics.reporting.common.figures.style import FAINT, INK
+from addressed_dynamics.reporting.common.figures.style import FAINT
+from addressed_dynamics.reporting.common.figures.style import OWN as OWN_COLOUR
 
 OWN = "addressed ensemble"
 """Title of the delivered model."""
 MODELS = {
-    "phase_functioned": ("PFNN, trained here", "#d55e00"),
-    "released": ("PFNN, as published", "#0072b2"),
-    "total_parameters": ("one large network", "#009e73"),
-    "learned_blend": ("parameters mixed by a gate", "#cc79a7"),
-    "same_size": ("one network, as large as a member", "#56b4e9"),
+    "phase_functioned": ("PFNN, trained here", "#5a5a5a"),
+    "released": ("PFNN, as published", "#1b7f79"),
+    "total_parameters": ("one large network", "#b3468c"),
+    "learned_blend": ("parameters mixed by a gate", "#e6a000"),
+    "same_size": ("one network, as large as a member", "#66a61e"),
     "paper_recipe": ("ensemble, the paper's recipe", "#7b3294"),
     "default_recipe": ("ensemble, the default recipe", "#7b3294"),
-    "ridge": ("ridge regression", FAINT),
-    "persistence": ("persistence and velocity", FAINT),
+    "ridge": ("ridge regression", "#8a7a00"),
+    "persistence": ("persistence and velocity", "#b07d62"),
     "mean": ("mean of the training frames", FAINT),
 }
 """Title and colour of each model but ours, by its group."""
@@ -33,7 +34,7 @@ CLOSEST = "total_parameters"
 def model_style(group: str) -> tuple[str, str]:
     """Return title and colour of a model by its group."""
     if group.startswith(f"{ENSEMBLE}/"):
-        return OWN, INK
+        return OWN, OWN_COLOUR
     return MODELS.get(group, (group.replace("_", " "), FAINT))
 
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
+
 from addressed_dynamics.evaluation.transitions.records import Recipe
 from addressed_dynamics.features.transitions.spec import FeatureSpec
-from addressed_dynamics.reporting.common.blocks import Block, Section, Text
+from addressed_dynamics.reporting.common.blocks import Block, Chart, Figure, Fold, Section, Table, Text
 from addressed_dynamics.reporting.common.candidates import Effort, efforts_of
 from addressed_dynamics.reporting.common.document import Account, specialisation_blocks
 from addressed_dynamics.reporting.common.figures import curves
@@ -17,6 +20,8 @@ from addressed_dynamics.reporting.transitions.animation.rollouts import animatio
 from addressed_dynamics.reporting.transitions.claims import claims_table, specialists_table
 from addressed_dynamics.reporting.transitions.figures import comparison, episodes, members, physics
 from addressed_dynamics.reporting.transitions.figures.angles import angle_forms
+from addressed_dynamics.reporting.transitions.front import front, no_rollouts
+from addressed_dynamics.reporting.transitions.one_step import one_step_beside
 from addressed_dynamics.reporting.transitions.overview import overview_table
 from addressed_dynamics.reporting.transitions.paired import paired_table
 from addressed_dynamics.reporting.transitions.paper import PaperFigures
@@ -38,33 +43,61 @@ def account(results: TransitionResults, origin: Origin[FeatureSpec], paper: Pape
         origin: where it comes from.
         paper: what the paper reports on the same experiment, if it does.
     """
-    evaluation = results.evaluation
+    evaluation, features = results.evaluation, origin.features
     targets = judge_targets(evaluation, paper, transitions=results.data.transitions) if paper else ()
-    held_against = " and held against the paper" if paper else ""
+    film, others = _films(results, features)
+    efforts = _efforts(results, origin)
+    every = overview_table(evaluation, efforts)
     found = (
-        Section("Data quality", quality_blocks(results.data)),
-        Section("Candidates", (every,) if (every := overview_table(evaluation, _efforts(results, origin))) else ()),
-        Section("Table 1" if paper and paper.networks else "Subnetworks", _table_blocks(results, paper)),
+        Section("Rollouts", _rollout_blocks(results, origin, paper, others)),
+        Section("One step ahead", _one_step_blocks(results, origin, paper, efforts)),
+        Section("Trust", trust_blocks(evaluation.trust, results.arrays, features)),
+        Section("Candidates", (every,) if every else ()),
+    )
+    both = recipes_table(evaluation, _recipe(origin))
+    method = (
+        Section("Subnetworks", _table_blocks(results, paper)),
         Section("Addressing", _addressing_blocks(results, origin)),
         Section("Specialisation", _specialisation_blocks(results, paper)),
-        Section("One step ahead", _one_step_blocks(results, origin, paper)),
-        Section("Rollouts", _rollout_blocks(results, origin, paper)),
-        Section("Trust", trust_blocks(evaluation.trust, results.arrays, origin.features)),
-        Section("The two recipes", (both,) if (both := recipes_table(evaluation, _recipe(origin))) else ()),
+        Section("The two recipes", (both,) if both else ()),
     )
     return Account(
-        subtitle=f"An error-based addressing architecture, learned from logs{held_against}",
+        subtitle="A simulator learned from logs",
         verdict=verdict(evaluation, targets, paper),
+        front=front(results, origin, film),
         findings=findings(evaluation, paper),
         targets=targets,
+        targets_title="The paper's figures",
         targets_caption=targets_caption(paper, results.data.transitions),
-        model=model_words(origin.features),
+        beside_targets=_stated_blocks(results, paper),
+        paper=paper is not None,
+        model=model_words(features),
         seed=evaluation.delivered.seed,
-        data=_data_blocks(results),
+        data=(*_data_blocks(results), *quality_blocks(results.data)),
         found=found,
+        method=method,
         seeds=_seed_blocks(results, origin),
         words=OF_STATES,
     )
+
+
+def _films(results: TransitionResults, features: FeatureSpec) -> tuple[Figure | None, Figure | None]:
+    """Return the film for the first screen, and the others; None for none."""
+    films = animations(results.arrays, features.spaces)
+    if films is None:
+        return None, None
+    words = "The truth (grey) and the addressed ensemble (blue), under the same actions."
+    first, rest = Figure(words, films.panels[:1]), films.panels[1:]
+    return first, Figure(films.caption, rest) if rest else None
+
+
+def _stated_blocks(results: TransitionResults, paper: PaperFigures | None) -> tuple[Block, ...]:
+    """Return what the paper states beside what was measured, apart from the targets; nothing if it states nothing."""
+    if paper is None:
+        return ()
+    table = (tables.paper_table(results.evaluation, paper),) if paper.networks else ()
+    claims = (claims_table(results.evaluation, paper.angles),) if paper.angles else ()
+    return (*table, *claims)
 
 
 def headline(results: TransitionResults, paper: PaperFigures | None) -> dict[str, float]:
@@ -137,8 +170,9 @@ def _blocks_sentence(blocks: BlocksResult, transitions: int) -> str:
 
 
 def _table_blocks(results: TransitionResults, paper: PaperFigures | None) -> tuple[Block, ...]:
-    figure = members.loss_profiles(results.arrays)
-    return (tables.paper_table(results.evaluation, paper), *([figure] if figure else []))
+    figure = members.loss_profiles(results.arrays, cited=" (Fig. 2 of the paper)" * (paper is not None))
+    table = () if paper and paper.networks else (tables.paper_table(results.evaluation, paper),)
+    return (*table, *([figure] if figure else []))
 
 
 def _addressing_blocks(results: TransitionResults, origin: Origin[FeatureSpec]) -> tuple[Block, ...]:
@@ -178,22 +212,35 @@ def _specialisation_blocks(results: TransitionResults, paper: PaperFigures | Non
         return ()
     agreement = paper.agreement if paper else None
     return specialisation_blocks(
-        evaluation.specialisation, OF_STATES, single=evaluation.baseline_losses, agreement=agreement
+        evaluation.specialisation,
+        replace(OF_STATES, paper=paper is not None),
+        single=evaluation.baseline_losses,
+        agreement=agreement,
     )
 
 
 def _one_step_blocks(
-    results: TransitionResults, origin: Origin[FeatureSpec], paper: PaperFigures | None
+    results: TransitionResults,
+    origin: Origin[FeatureSpec],
+    paper: PaperFigures | None,
+    efforts: Mapping[str, Effort],
 ) -> tuple[Block, ...]:
     features, evaluation = origin.features, results.evaluation
-    stated = (claims_table(evaluation, paper.angles),) if paper and paper.angles else ()
-    return (
-        *stated,
-        tables.one_step_table(evaluation, _efforts(results, origin), paper),
-        *((pairs,) if (pairs := paired_table(evaluation)) else ()),
+    pairs = paired_table(evaluation)
+    numbers = (
+        tables.one_step_table(evaluation, efforts, paper),
+        *((pairs,) if pairs else ()),
         comparison.candidates(evaluation, features.spaces.observation),
+    )
+    return (
+        one_step_beside(evaluation),
         episodes.one_step_prediction(results.arrays, features.spaces.observation, features.angles),
-        *((angle_forms(features.angle_from),) if features.angles else ()),
+        Fold("All candidates one step ahead", numbers),
+        *(
+            (Fold("Angles from a noisy cosine and sine", (angle_forms(features.angle_from),)),)
+            if features.angles
+            else ()
+        ),
     )
 
 
@@ -203,23 +250,22 @@ def _efforts(results: TransitionResults, origin: Origin[FeatureSpec]) -> dict[st
 
 
 def _rollout_blocks(
-    results: TransitionResults, origin: Origin[FeatureSpec], paper: PaperFigures | None
+    results: TransitionResults, origin: Origin[FeatureSpec], paper: PaperFigures | None, film: Figure | None
 ) -> tuple[Block, ...]:
     dimensions, evaluation = origin.features.spaces.observation, results.evaluation
-    mechanics: tuple[Block, ...] = ()
+    if evaluation.own.rollouts is None:
+        return (Text((no_rollouts(origin.experiment),)),)
+    mechanics: tuple[Chart, ...] = ()
+    numbers: tuple[Table, ...] = rollout_tables.rollout_tables(evaluation, paper)
     if found := evaluation.rollouts.physics:
-        mechanics = (
-            rollout_tables.lost_table(evaluation, found),
-            physics.angles_and_energy(results.horizon, found),
-            rollout_tables.energy_table(evaluation, found),
-        )
+        mechanics = (physics.angles_and_energy(results.horizon, found),)
+        numbers += (rollout_tables.lost_table(evaluation, found), rollout_tables.energy_table(evaluation, found))
     return (
-        *rollout_tables.rollout_tables(evaluation, paper),
-        *mechanics,
-        episodes.error_against_horizon(results.horizon["all"], dimensions),
         *((Text((rollout_tables.falling_words(falls),)),) if (falls := evaluation.falling) else ()),
-        *((film,) if (film := animations(results.arrays, origin.features.spaces)) else ()),
         episodes.rollouts(results.arrays, dimensions, results.evaluation.rollouts.kind),
+        *((film,) if film else ()),
+        *mechanics,
+        Fold("All candidates in rollouts", numbers),
     )
 
 

@@ -140,7 +140,7 @@ def variants_table(evaluation: Evaluation) -> Table:
         for variant, table in tables.items()
     ]
     caption = (
-        "The paper's addressing network (plain cross-entropy) and the cost-sensitive one, on the same held-out "
+        "The addressing network with plain cross-entropy and the cost-sensitive one, on the same held-out "
         "transitions. Agreement: share for which the best network is selected. Regret: loss of the selected network "
         "minus loss of the best, over all transitions. The one that the report is about stands out."
     )

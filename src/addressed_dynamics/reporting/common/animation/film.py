@@ -10,19 +10,19 @@ from addressed_dynamics.reporting.common.animation.brush import OVERSAMPLING, Br
 from addressed_dynamics.reporting.common.animation.gif import Palette, gif_panel
 from addressed_dynamics.reporting.common.animation.scenes import BACK, FORE, SOFT, Scene
 from addressed_dynamics.reporting.common.blocks import Panel
-from addressed_dynamics.reporting.common.figures.style import INK, MEMBERS
+from addressed_dynamics.reporting.common.figures.style import ACTION, INK, OWN, REACHED
 
-SECONDS = 15.0
+SECONDS = 10.0
 """Longest simulated time that is shown; it passes as fast as it did."""
-FRAME_SECONDS = 0.06
+FRAME_SECONDS = 0.08
 """Time between two pictures, about: a whole number of steps comes nearest to it."""
 SIDE, GAP = 396, 28
 """Width of the picture of one state, and what lies between the two, in pixels."""
 HEAD, FOOT = 30, 8
 """Height of what is written above the pictures, and of what stays free below, in pixels."""
 
-_TRUTH, _MODEL = FORE, MEMBERS[0]
-_PALETTE = Palette((INK, FORE, BACK, SOFT, *MEMBERS[:3]))
+_TRUTH, _MODEL = FORE, OWN
+_PALETTE = Palette((INK, FORE, BACK, SOFT, OWN, ACTION, REACHED))
 
 
 def film(

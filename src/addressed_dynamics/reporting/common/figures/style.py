@@ -13,33 +13,39 @@ from jaxtyping import Float, Int
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Canvas
-from matplotlib.image import imsave
 from matplotlib.ticker import FuncFormatter, LogFormatter, NullFormatter, NullLocator
+from PIL import Image
 
 from addressed_dynamics.reporting.common.blocks import Panel
 
 INK = "#222222"
-"""Text, the truth, and the addressed ensemble."""
+"""Text."""
 FAINT = "#8c8c8c"
 """What stands back."""
-MEMBERS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#8a7a00", "#5a5a5a")
-"""One colour for each member; the palette of Okabe and Ito, which colour-blind readers can tell apart."""
+TRUTH = "#bdbdbd"
+"""What really happened."""
+OWN = "#0072b2"
+"""The addressed ensemble, in charts and in films."""
+ACTION, REACHED = "#d55e00", "#009e73"
+"""What is asked for (an action, a command), and what is reached or touched."""
+MEMBERS = ("#332288", "#ddaa33", "#44aa99", "#cc6677", "#88ccee", "#882255", "#117733", "#aa4499")
+"""One colour for each member, of which no model has one; after Paul Tol, whom colour-blind readers can follow."""
 MODELS = {
-    "ensemble/argmax": ("addressed ensemble", INK),
-    "total_parameters": ("one large network", "#009e73"),
+    "ensemble/argmax": ("addressed ensemble", OWN),
+    "total_parameters": ("one large network", "#b3468c"),
     "same_size": ("one network, as large as a member", "#66a61e"),
-    "wide": ("one wide network", "#cc79a7"),
+    "wide": ("one wide network", "#e6a000"),
     "unequal_bins": ("without equal bins", "#56b4e9"),
-    "random_bins": ("random bins", "#e69f00"),
-    "persistence": ("nothing changes", "#bbbbbb"),
-    "last_change": ("the last change goes on", "#d9b8a0"),
+    "random_bins": ("random bins", "#a6761d"),
+    "persistence": ("nothing changes", "#4d4d4d"),
+    "last_change": ("the last change goes on", "#b07d62"),
     "linear": ("linear least squares", "#8a7a00"),
     "linear_frame": ("linear, last frame", "#c2b95a"),
     "paper_recipe": ("the paper's recipe", "#7b3294"),
     "default_recipe": ("the default recipe", "#7b3294"),
 }
 """Short title and colour of each model; one that is not here is drawn under its own name."""
-OTHER_MODELS = ("#d55e00", "#0072b2", "#8a7a00", "#8c510a", "#5a5a5a")
+OTHER_MODELS = ("#e7298a", "#1b7f79", "#8c510a", "#5e4fa2", "#3f7f00")
 """Colours of the models that have none of their own, in their order."""
 HALF = (4.6, 3.2)
 """Size in hundreds of CSS pixels of a picture of which two stand side by side."""
@@ -51,6 +57,7 @@ ERROR_FLOOR = 1e-16
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _CSS_DPI = 100
 _PIXEL_RATIO = 2
+_COLOURS = 128
 _RC = {
     "axes.edgecolor": FAINT,
     "axes.grid": True,
@@ -108,8 +115,9 @@ def picture(
             _label_plainly(axes)
         agg.draw()
         buffer = io.BytesIO()
-        # `savefig` would lay out and draw everything twice. By default the file names matplotlib's version.
-        imsave(buffer, np.asarray(agg.buffer_rgba())[..., :3], format="png", metadata={"Software": None})  # type: ignore[dict-item]
+        # `savefig` would lay out and draw everything twice, and in 16 million colours, of which a picture needs few.
+        drawn = Image.fromarray(np.ascontiguousarray(np.asarray(agg.buffer_rgba())[..., :3]))
+        drawn.quantize(_COLOURS, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE).save(buffer, "PNG")
     width, height = (round(side * _CSS_DPI) for side in size)
     return Panel(name, alternative, buffer.getvalue(), width, height)
 
@@ -147,7 +155,7 @@ def model_style(name: str, among: Iterable[str] = ()) -> tuple[str, str]:
     key = name.partition("/seed-")[0]
     keys = dict.fromkeys(each.partition("/seed-")[0] for each in (*among, name))
     others = [each for each in keys if each not in MODELS and not each.startswith("ensemble/")]
-    colour = OTHER_MODELS[others.index(key) % len(OTHER_MODELS)] if key in others else INK
+    colour = OTHER_MODELS[others.index(key) % len(OTHER_MODELS)] if key in others else OWN
     return MODELS.get(key, (key.replace("_", " "), colour))
 
 

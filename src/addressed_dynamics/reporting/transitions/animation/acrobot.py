@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from addressed_dynamics.reporting.common.animation.brush import Brush, Point
 from addressed_dynamics.reporting.common.animation.scenes import BACK, Scene, State
-from addressed_dynamics.reporting.common.figures.style import MEMBERS
+from addressed_dynamics.reporting.common.figures.style import ACTION, REACHED
 
 GOAL_HEIGHT = 1.0
 """How far above the pivot the tip has to get, in m, as Gymnasium's environment has it."""
@@ -18,7 +18,7 @@ _REACH = 2.1
 
 def _draw_ground(brush: Brush) -> None:
     for start in np.arange(-_REACH + 0.02, _REACH, 0.14):
-        brush.line([(float(start), GOAL_HEIGHT), (float(start) + 0.07, GOAL_HEIGHT)], MEMBERS[2], 1.5)
+        brush.line([(float(start), GOAL_HEIGHT), (float(start) + 0.07, GOAL_HEIGHT)], REACHED, 1.5)
     brush.line([(-0.25, 0.0), (0.25, 0.0)], BACK, 3)
 
 
@@ -36,7 +36,7 @@ def _draw_action(brush: Brush, state: State, direction: int) -> None:
     angle_1, angle_2 = _angles(state)
     middle = angle_1 + (angle_2 + math.pi) / 2 + (math.pi if angle_2 > 0 else 0.0)
     arc = middle + direction * np.linspace(-0.75, 0.55, 14)
-    brush.arrow([(x + 0.25 * math.sin(turn), y - 0.25 * math.cos(turn)) for turn in arc.tolist()], MEMBERS[1], 3)
+    brush.arrow([(x + 0.25 * math.sin(turn), y - 0.25 * math.cos(turn)) for turn in arc.tolist()], ACTION, 3)
 
 
 def _angles(state: State) -> Float[np.ndarray, 2]:

@@ -9,7 +9,7 @@ import numpy as np
 from addressed_dynamics.envs.mountain_car import HIGHEST_POSITION, LOWEST_POSITION
 from addressed_dynamics.reporting.common.animation.brush import Brush, Point
 from addressed_dynamics.reporting.common.animation.scenes import BACK, FORE, SOFT, Scene, State
-from addressed_dynamics.reporting.common.figures.style import MEMBERS
+from addressed_dynamics.reporting.common.figures.style import ACTION, REACHED
 
 GOAL = 0.5
 """Position of the flag, as Gymnasium's environment has it."""
@@ -41,7 +41,7 @@ def _draw_ground(brush: Brush) -> None:
         brush.line([(side, _height(side)), (side, _height(side) + 0.2)], BACK, 2)
     foot = _height(GOAL)
     brush.line([(GOAL, foot), (GOAL, foot + 0.24)], FORE, 1.5)
-    brush.polygon([(GOAL, foot + 0.24), (GOAL - 0.1, foot + 0.205), (GOAL, foot + 0.17)], MEMBERS[2])
+    brush.polygon([(GOAL, foot + 0.24), (GOAL - 0.1, foot + 0.205), (GOAL, foot + 0.17)], REACHED)
 
 
 def _draw_body(brush: Brush, state: State, colour: str) -> None:
@@ -57,7 +57,7 @@ def _draw_body(brush: Brush, state: State, colour: str) -> None:
 def _draw_action(brush: Brush, state: State, direction: int) -> None:
     position = _shown(state)
     start, end = (_on_track(position, direction * along, 0.125) for along in (-0.05, 0.035))
-    brush.arrow([start, end], MEMBERS[1], 3)
+    brush.arrow([start, end], ACTION, 3)
 
 
 def _shown(state: State) -> float:

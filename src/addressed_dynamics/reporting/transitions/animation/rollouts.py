@@ -21,7 +21,7 @@ SCENES = (MOUNTAIN_CAR, ACROBOT)
 def animations(arrays: Arrays, spaces: SpaceSpec) -> Figure | None:
     """Draw a film of a rollout of each group; None if the states are not those of a known environment."""
     scene = scene_of(spaces)
-    if scene is None:
+    if scene is None or not len(arrays.rollout_true):
         return None
     columns = [spaces.observation_names.index(name) for name in scene.dimensions]
     groups, first = np.unique(arrays.rollout_group, return_index=True)
@@ -38,10 +38,10 @@ def animations(arrays: Arrays, spaces: SpaceSpec) -> Figure | None:
         for row, group in sorted(zip(first.tolist(), groups.tolist(), strict=True))
     )
     longest = (arrays.rollout_true.shape[1] - 1) * spaces.step_seconds
-    which = f"The first {SECONDS:.0f} s of the rollouts" if longest > SECONDS else "The rollouts"
+    which = f"The first {SECONDS:.0f} s of the rollouts" if longest > SECONDS else "Rollouts"
     arrow = "; an arrow shows the action, which is the same on both sides" * (arrays.rollout_actions is not None)
     caption = (
-        f"{which} below, as fast as they happened{arrow}. Grey is what really happened, blue what the model makes of "
+        f"{which}, as fast as they happened{arrow}. Grey is what really happened, blue what the model makes of "
         f"the first state and the actions alone; behind the blue, the truth is there again in light grey, and above "
         f"it stands {scene.error_title}."
     )

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Mapping
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float64
-from matplotlib.axes import Axes
 
-from addressed_dynamics.reporting.common.blocks import Figure
-from addressed_dynamics.reporting.common.figures.style import FAINT, INK, MEMBERS, logarithmic, panel
+from addressed_dynamics.reporting.common.blocks import Chart, Line, View
+from addressed_dynamics.reporting.common.charts import numbers
+from addressed_dynamics.reporting.common.figures.style import FAINT, OWN, TRUTH
 from addressed_dynamics.reporting.common.numbers import percent, scientific, significant
 from addressed_dynamics.reporting.transitions.angle_study import (
     FORMS,
@@ -36,21 +36,23 @@ NOISES = {
 }
 """Title, noise, whether values are clipped, and the forms that are drawn, for each case."""
 _BINS = 72
-_STYLES: dict[str, tuple[str, str, dict[str, Any]]] = {
-    "arccos": ("arccos alone", MEMBERS[4], {"linewidth": 1.1}),
-    "arcsin": ("arcsin alone", MEMBERS[5], {"linewidth": 1.1}),
-    "printed": ("weighted, as printed", FAINT, {"linewidth": 1.1}),
-    "weighted": ("weighted", MEMBERS[0], {"linewidth": 3.2, "alpha": 0.45}),
-    "atan2": ("atan2", INK, {"linewidth": 1.2}),
+_STYLES: dict[str, tuple[str, str, Literal["line", "dashed", "thick"]]] = {
+    "arccos": ("arccos alone", "#b3468c", "line"),
+    "arcsin": ("arcsin alone", "#e6a000", "line"),
+    "printed": ("weighted, as printed", FAINT, "line"),
+    "weighted": ("weighted", TRUTH, "thick"),
+    "atan2": ("atan2", OWN, "line"),
 }
-_CASES = {"independent": INK, "clipped": MEMBERS[0], "one": MEMBERS[1]}
+_SHOWN = ("printed", "weighted", "atan2")
+"""Forms that are shown at first."""
+_CASES = {"independent": OWN, "clipped": "#b3468c", "one": "#e6a000"}
 """Cases in which the two best forms are compared, with their colours."""
 Study = dict[str, dict[str, Float64[np.ndarray, " size"]]]
 """Root mean square errors in rad by case and form, for each of `SIZES`."""
 
 
-def angle_forms(used: str) -> Figure:
-    """Draw the error of each way from cosine and sine to the angle, and say which is the better.
+def angle_forms(used: str) -> Chart:
+    """Return the error of each way from cosine and sine to the angle, and say which is the better.
 
     Args:
         used: the one of `FORMS` that the models of the report use.
@@ -64,41 +66,28 @@ def angle_forms(used: str) -> Figure:
     }
     middles: Values = angle.reshape(_BINS, -1).mean(axis=1)
 
-    def against_angle(axes: Axes) -> None:
-        for form, values in by_angle.items():
-            _line(axes, form, np.degrees(middles), values)
-        axes.set(xlabel="true angle (degrees)", ylabel="error (rad)", xlim=(-180, 180), xticks=range(-180, 181, 90))
-        axes.set_title(f"independent noise of {scientific(SMALL, 1)}")
-        logarithmic(axes, "y")
-        axes.figure.legend(loc="outside lower center", ncols=3)
-
-    def against_size(axes: Axes, case: str) -> None:
-        for form, values in study[case].items():
-            if values.max() > 1e-12:  # what does not err beyond rounding has no place on a logarithmic axis
-                _line(axes, form, SIZES, values)
-        axes.set(xlabel="size of the noise", ylabel="error (rad)", title=NOISES[case][0])
-        logarithmic(axes, "x", "y")
-        axes.figure.legend(loc="outside lower center", ncols=3)
-
-    def compared(axes: Axes) -> None:
-        for case, colour in _CASES.items():
-            axes.plot(SIZES, 100 * _excess(study[case]), color=colour, label=NOISES[case][0])
-        axes.axhline(0, color=FAINT, linewidth=0.7, zorder=1)
-        axes.set(xlabel="size of the noise", ylabel="%", title="error of the weighted angle beyond that of atan2")
-        logarithmic(axes, "x")
-        axes.figure.legend(loc="outside lower center", ncols=1)
-
-    size = (4.6, 3.6)
-    panels = (
-        panel("angle-by-angle", "Error of each form against the true angle", against_angle, size=size),
-        panel("angle-independent", "Error against the size of independent noise",
-              lambda axes: against_size(axes, "independent"), size=size),
-        panel("angle-radial", "Error against the size of radial noise",
-              lambda axes: against_size(axes, "radial"), size=size),
-        panel("angle-compared", "Error of the weighted angle beyond that of atan2, by kind of noise",
-              compared, size=size),
-    )  # fmt: skip
-    return Figure(f"{_caption(study)} The models here use {_STYLES[used][0]}.", panels)
+    degrees = tuple(np.degrees(middles).tolist())
+    sizes = tuple(SIZES)
+    views = [
+        View(("against the angle",), f"error at a noise of {scientific(SMALL, 1)}, rad", degrees, _lines(by_angle)),
+        *(
+            View((f"against the size: {NOISES[case][0]}",), "error, rad", sizes, _lines(study[case]))
+            for case in ("independent", "radial")
+        ),
+        View(
+            ("weighted beyond atan2",),
+            "error of the weighted angle beyond that of atan2, %",
+            sizes,
+            tuple(
+                Line(NOISES[case][0], colour, numbers((100 * _excess(study[case])).tolist()))
+                for case, colour in _CASES.items()
+            ),
+            logarithmic=False,
+        ),
+    ]
+    alternative = "Error of each form of the angle against the true angle and against the size of the noise"
+    caption = f"{_caption(study)} The models here use {_STYLES[used][0]}."
+    return Chart("angles", caption, alternative, "true angle in degrees, or size of the noise", tuple(views), ("Show",))
 
 
 def _study(angle: Values, noise: Mapping[str, Noise]) -> Study:
@@ -113,9 +102,13 @@ def _study(angle: Values, noise: Mapping[str, Noise]) -> Study:
     }
 
 
-def _line(axes: Axes, form: str, x: Sequence[float] | Values, y: Float64[np.ndarray, " point"]) -> None:
-    title, colour, style = _STYLES[form]
-    axes.plot(x, y, label=title, color=colour, **style)
+def _lines(errors_of: Mapping[str, Float64[np.ndarray, " place"]]) -> tuple[Line, ...]:
+    """Return a line for each form; what does not err beyond rounding has no place on a logarithmic axis."""
+    return tuple(
+        Line(*_STYLES[form][:2], numbers(values.tolist()), style=_STYLES[form][2], shown=form in _SHOWN)
+        for form, values in errors_of.items()
+        if values.max() > 1e-12
+    )
 
 
 def _excess(errors_of: dict[str, Float64[np.ndarray, " size"]]) -> Float64[np.ndarray, " size"]:

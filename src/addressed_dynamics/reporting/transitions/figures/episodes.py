@@ -1,91 +1,57 @@
-"""How predictions run beside the truth: one step ahead along an episode, in rollouts, and against the horizon."""
+"""How predictions run beside the truth: one step ahead along an episode, and in rollouts."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Float, Int
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure as Canvas
 
 from addressed_dynamics.episodes.transitions import Dimension
 from addressed_dynamics.evaluation.transitions.physics import SIMULATIONS
 from addressed_dynamics.features.transitions.spec import Angle
-from addressed_dynamics.reporting.common.blocks import Figure
-from addressed_dynamics.reporting.common.figures.style import (
-    INK,
-    MEMBERS,
-    logarithmic,
-    member_colour,
-    member_legend,
-    model_style,
-    panel,
-    picture,
-    positive,
-    with_unit,
-)
+from addressed_dynamics.reporting.common.blocks import Chart, Line, View
+from addressed_dynamics.reporting.common.charts import numbers
+from addressed_dynamics.reporting.common.figures.style import OWN, TRUTH, thinned, with_unit
 from addressed_dynamics.reporting.common.reading import Columns
 from addressed_dynamics.reporting.transitions.results import Arrays
 from addressed_dynamics.reporting.transitions.rollout_tables import group_title
 
 MOST_STEPS = 200
-"""Steps of an episode that a figure shows."""
+"""Steps of an episode that a chart shows one step ahead."""
+MOST_PLACES = 400
+"""Steps of a rollout that a chart keeps."""
 Course = Float[np.ndarray, " step"]
 
 
-def one_step_prediction(arrays: Arrays, dimensions: Sequence[Dimension], angles: Sequence[Angle] = ()) -> Figure:
-    """Draw predictions beside the truth along the longest held-out episode, with the error and the network selected.
+def one_step_prediction(arrays: Arrays, dimensions: Sequence[Dimension], angles: Sequence[Angle] = ()) -> Chart:
+    """Return predictions beside the truth along the longest held-out episode, and their errors.
 
     Args:
         arrays: what was predicted.
         dimensions: what the columns of the states mean.
-        angles: angles that the states give by cosine and sine, which are drawn too.
+        angles: angles that the states give by cosine and sine, which are shown too.
     """
     episodes, lengths = np.unique(arrays.episode, return_counts=True)
     rows = np.flatnonzero(arrays.episode == episodes[lengths.argmax()])[:MOST_STEPS]
-    steps = np.arange(len(rows))
-    chosen = arrays.chosen[rows]
-    colours = [member_colour(member) for member in chosen]
-
     courses = [
         (each.name, each.unit, arrays.next_observation[rows, index], arrays.predicted[rows, index])
         for index, each in enumerate(dimensions)
     ]
     courses += [(angle.name, "rad", *_turns(arrays, rows, dimensions, angle)) for angle in angles]
-
-    def draw(canvas: Canvas, name: str, unit: str, truth: Course, predicted: Course) -> None:
-        upper, lower = canvas.subplots(2, 1, sharex=True, height_ratios=(3, 2))
-        upper.plot(steps, truth, color="#bdbdbd", linewidth=4, label="truth", solid_capstyle="round")
-        upper.plot(steps, predicted, color=INK, linewidth=1, label="prediction")
-        upper.set_ylabel(with_unit(name, unit))
-        upper.legend(loc="lower right", ncols=2, bbox_to_anchor=(1, 1), borderaxespad=0.2)
-        error = positive(np.abs(predicted.astype(np.float64) - truth))
-        # A prediction that is exact to the last bit has no place on a logarithmic axis.
-        exact = np.abs(predicted - truth) == 0
-        lower.scatter(steps[~exact], error[~exact], c=[c for c, e in zip(colours, exact, strict=True) if not e], s=5)
-        lower.set(ylabel="error", xlabel="step")
-        logarithmic(lower, "y")
-        member_legend(canvas, sorted(set(chosen.tolist())), loc="outside lower center", ncols=4)
-
-    panels = tuple(
-        picture(
-            f"one-step-{name}",
-            f"{name} along an episode, true and predicted one step ahead, and the absolute error",
-            partial(draw, name=name, unit=unit, truth=truth, predicted=predicted),
-            size=(4.6, 3.8),
-        )
+    views = [
+        view
         for name, unit, truth, predicted in courses
-    )
+        for view in _course_and_error((name,), with_unit(name, unit), tuple(range(len(rows))), truth, predicted)
+    ]
+    turned = " Angles come from cosine and sine by atan2 and run on beyond a full turn." * bool(angles)
     caption = (
-        f"One step ahead along the longest held-out episode (its first {len(rows)} steps). Above: the true next "
-        "state, and what the model predicts for it from the true state before. Below: the absolute error in the same "
-        "unit, coloured by the network that the addressing network selects."
-        f"{' Angles come from cosine and sine by atan2 and run on beyond a full turn.' * bool(angles)}"
+        f"One step ahead along the longest held-out episode (its first {len(rows)} steps): the true next state, and "
+        f"what the addressed ensemble predicts for it from the true state before; or the absolute error.{turned}"
     )
-    return Figure(caption, panels)
+    alternative = "States along an episode, true and predicted one step ahead, and the absolute errors"
+    return Chart("one-step", caption, alternative, "step", tuple(views), ("Dimension", "Show"))
 
 
 def _turns(
@@ -102,77 +68,54 @@ def _turns(
     return course, course + np.remainder(predicted - truth + np.pi, 2 * np.pi) - np.pi
 
 
-def rollouts(arrays: Arrays, dimensions: Sequence[Dimension], truth: Literal["environment", "recorded"]) -> Figure:
-    """Draw the true and the predicted course of rollouts, one of each group that was told apart."""
-    steps = np.arange(arrays.rollout_true.shape[1])
+def rollouts(arrays: Arrays, dimensions: Sequence[Dimension], truth: Literal["environment", "recorded"]) -> Chart:
+    """Return the true and the predicted course of rollouts, one of each group that was told apart."""
+    steps = arrays.rollout_true.shape[1]
+    kept = thinned(steps, MOST_PLACES)
     titles = [_GROUPS.get(group, f"from {group_title(group)}") for group in arrays.rollout_group.tolist()]
-
-    def draw(axes: Axes, episode: int, index: int, dimension: Dimension) -> None:
-        axes.plot(steps, arrays.rollout_true[episode, :, index], color="#bdbdbd", linewidth=3.5, label=truth)
-        axes.plot(steps, arrays.rollout_predicted[episode, :, index], color=MEMBERS[0], linewidth=0.9, label="model")
-        axes.set(xlabel="step", ylabel=with_unit(dimension.name, dimension.unit), xlim=(0, steps[-1]))
-        axes.legend(loc="lower right", ncols=2, bbox_to_anchor=(1, 1), borderaxespad=0.2)
-        axes.set_title(titles[episode])
-
-    panels = tuple(
-        panel(
-            f"rollout-{episode}-{dimension.name}",
-            f"{dimension.name} in a rollout{f' {title}' * bool(title)}, true and predicted",
-            partial(draw, episode=episode, index=index, dimension=dimension),
-        )
+    views = [
+        view
         for episode, title in enumerate(titles)
-        for index, dimension in enumerate(dimensions)
-    )
-    which = "One rollout of each kind, the middle one" if len(arrays.rollout_true) > 1 else "The middle one"
+        for index, each in enumerate(dimensions)
+        for view in _course_and_error(
+            (title, each.name),
+            with_unit(each.name, each.unit),
+            tuple(kept.tolist()),
+            arrays.rollout_true[episode, kept, index],
+            arrays.rollout_predicted[episode, kept, index],
+            titles=(truth, "addressed ensemble"),
+        )
+    ]
+    which = "One rollout of each kind, the middle one" if len(titles) > 1 else "The middle one"
     caption = (
-        f"Free-running rollouts of {steps[-1]:,} steps: the model sees the true first state and the actions, and from "
-        f"then on only its own predictions. {which} in the order of recording."
+        f"Free-running rollouts of {steps - 1:,} steps: the addressed ensemble sees the true first state and the "
+        f"actions, and from then on only its own predictions. {which} in the order of recording."
     )
-    return Figure(caption, panels)
+    alternative = "States in rollouts, true and predicted, and the absolute errors"
+    return Chart("rollout", caption, alternative, "step", tuple(views), ("Rollout", "Dimension", "Show"))
 
 
-_GROUPS = {"all": "", "no_wall": "without wall contact", "wall": "with wall contact"}
+_GROUPS = {"all": "the middle one", "no_wall": "without wall contact", "wall": "with wall contact"}
 """Title of a rollout that stands for its group, where it is not a segment of the recording."""
 
 
-def error_against_horizon(horizon: Mapping[str, Columns], dimensions: Sequence[Dimension]) -> Figure:
-    """Draw the squared error of rollouts against their length, for the addressed ensemble and one of each baseline."""
-    shown = first_of_each(horizon)
-
-    def draw(axes: Axes, dimension: Dimension) -> None:
-        for name, columns in shown.items():
-            title, colour = model_style(name, shown)
-            low, middle, high = (_percentile(columns, dimension, share) for share in ("p10", "p50", "p90"))
-            own = name == "ensemble/argmax"
-            if own or name.startswith("total_parameters"):
-                axes.fill_between(columns["horizon"], low, high, color=colour, alpha=0.13, linewidth=0)
-            axes.plot(
-                columns["horizon"], middle, color=colour, label=title, linewidth=1.8 if own else 1.1, zorder=3 + own
-            )
-        axes.set(xlabel="steps since the true state", ylabel=_squared(dimension), xlim=(0, None))
-        logarithmic(axes, "y")
-        axes.figure.legend(loc="outside lower center", ncols=2)
-
-    panels = tuple(
-        panel(
-            f"horizon-{dimension.name}",
-            f"Squared error of {dimension.name} in rollouts against the number of steps, for all models",
-            partial(draw, dimension=dimension),
-            size=(4.6, 4.0),
-        )
-        for dimension in dimensions
+def _course_and_error(
+    choice: tuple[str, ...],
+    label: str,
+    places: tuple[float, ...],
+    truth: Course,
+    predicted: Course,
+    titles: tuple[str, str] = ("truth", "prediction"),
+) -> tuple[View, View]:
+    error = numbers(np.abs(predicted.astype(np.float64) - truth).tolist())
+    both = (
+        Line(titles[1], OWN, numbers(predicted.tolist())),
+        Line(titles[0], TRUTH, numbers(truth.tolist()), style="thick"),
     )
-    caption = (
-        "Error against horizon in free-running rollouts: median over all rollouts (line) and 10th to 90th percentile "
-        "(band, for the ensemble and the one network of as many parameters), in the units of the state. The addressed "
-        "ensemble and one of each baseline."
+    return (
+        View((*choice, "course"), label, places, both, logarithmic=False),
+        View((*choice, "error"), f"error of {label}", places, (Line("error", OWN, error),)),
     )
-    return Figure(caption, panels)
-
-
-def _squared(dimension: Dimension) -> str:
-    unit = f"({dimension.unit})²" if "/" in dimension.unit else f"{dimension.unit}²" if dimension.unit else ""
-    return f"squared error of the {dimension.name}{', ' * bool(unit)}{unit}"
 
 
 def first_of_each(horizon: Mapping[str, Columns]) -> dict[str, Columns]:
@@ -186,7 +129,3 @@ def first_of_each(horizon: Mapping[str, Columns]) -> dict[str, Columns]:
             seen.add(kind)
             shown[name] = columns
     return shown
-
-
-def _percentile(columns: Columns, dimension: Dimension, share: str) -> Float[np.ndarray, " horizon"]:
-    return positive(columns[f"{dimension.name}_{share}"])

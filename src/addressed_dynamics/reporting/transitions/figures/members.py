@@ -34,11 +34,15 @@ CELLS = 40
 """Cells along a side of a map."""
 
 
-def loss_profiles(arrays: Arrays) -> Figure | None:
+def loss_profiles(arrays: Arrays, *, cited: str = "") -> Figure | None:
     """Draw the loss profile of every sample before and after training (Fig. 2 of the paper); None for one member.
 
     With more than two members, those of a small ensemble of two if one was trained, else the two that are selected
     most often.
+
+    Args:
+        arrays: what was measured.
+        cited: where in the paper there is such a figure, in brackets; empty for experiments that are not its.
     """
     members = len(arrays.profile)
     if members < 2:
@@ -73,7 +77,7 @@ def loss_profiles(arrays: Arrays) -> Figure | None:
         for when, profile in profiles.items()
     )
     caption = (
-        f"Loss profiles (Fig. 2 of the paper){pair.origin}. Each point is one of {len(rows):,} test transitions; its "
+        f"Loss profiles{cited}{pair.origin}. Each point is one of {len(rows):,} test transitions; its "
         f"coordinates are its losses (of states scaled to [0, 1]) under networks {first + 1} and {second + 1}, its "
         f"colour is {pair.meaning}. On the grey line both serve it equally well; the further from it, the more the "
         "choice matters."
@@ -177,7 +181,7 @@ def state_maps(arrays: Arrays, spaces: SpaceSpec, angles: Sequence[Angle] = ()) 
     return Figure(caption, (*chosen_panels, *error_panels))
 
 
-_COLOUR_NAMES = ("blue", "orange", "green", "pink", "light blue", "yellow", "olive", "grey")
+_COLOUR_NAMES = ("indigo", "sand", "teal", "rose", "light blue", "wine", "green", "purple")
 
 
 def _places(

@@ -8,34 +8,30 @@ from matplotlib.axes import Axes
 from addressed_dynamics.episodes.transitions import Dimension
 from addressed_dynamics.evaluation.transitions.trust_records import RiskRecord
 from addressed_dynamics.features.transitions.spec import FeatureSpec
-from addressed_dynamics.reporting.common.blocks import Figure
-from addressed_dynamics.reporting.common.figures.style import FAINT, INK, MEMBERS, panel, with_unit
+from addressed_dynamics.reporting.common.blocks import Chart, Figure, Line, View
+from addressed_dynamics.reporting.common.charts import numbers
+from addressed_dynamics.reporting.common.figures.style import OWN, REACHED, panel, with_unit
 from addressed_dynamics.reporting.transitions.results import Arrays
 
 
-def risk_curve(risk: tuple[RiskRecord, ...]) -> Figure | None:
-    """Draw the mean error of the predictions that are trusted most; None if there are none, or none has an error."""
+def risk_curve(risk: tuple[RiskRecord, ...]) -> Chart | None:
+    """Return the mean error of the predictions that are trusted most; None if there are none, or none has an error."""
     if not risk or risk[-1].risk <= 0:
         return None
-    kept = [100 * each.coverage for each in risk]
     of_all = risk[-1].risk
-
-    def draw(axes: Axes) -> None:
-        axes.axhline(100, color=FAINT, linestyle=":", label="no trust: a random order")
-        axes.plot(kept, [100 * each.risk / of_all for each in risk], color=INK, label="by trust")
-        axes.plot(
-            kept, [100 * each.oracle / of_all for each in risk], color=MEMBERS[2], linestyle="--", label="best order"
-        )
-        axes.set(xlabel="predictions kept (%)", ylabel="mean error (% of that of all)", xlim=(0, 100), ylim=(0, None))
-        axes.legend(loc="best")
-
+    lines = (
+        Line("by trust", OWN, numbers([100 * each.risk / of_all for each in risk])),
+        Line("best order", REACHED, numbers([100 * each.oracle / of_all for each in risk]), style="dashed"),
+    )
+    kept = tuple(100 * each.coverage for each in risk)
     caption = (
         "What trust is worth: the mean error of the predictions that are trusted most, against how many of them are "
-        "kept. The further the black line is below 100 %, the more it helps to leave out what is not trusted; no trust "
-        "can do better than the dashed line, which knows the errors."
+        "kept. The further the solid line is below the thin one, a random order, the more it helps to leave out what "
+        "is not trusted; no trust can do better than the dashed line, which knows the errors."
     )
     alternative = "Mean error of the predictions that are kept, against the share that is kept, by trust and at best"
-    return Figure(caption, (panel("trust-risk", alternative, draw),))
+    view = View((), "mean error, % of that of all", kept, lines, logarithmic=False, level=100.0)
+    return Chart("trust-risk", caption, alternative, "predictions kept, %", (view,))
 
 
 def trust_map(arrays: Arrays, features: FeatureSpec) -> Figure | None:

@@ -1,0 +1,168 @@
+"""Charts are drawn from the numbers that they were made from, in any browser, and can be read without one."""
+
+import json
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from browser import answers, needs_browser
+from hypothesis import given
+from hypothesis import strategies as st
+
+from addressed_dynamics.reporting.common.blocks import Chart, Line, Report, Section, View
+from addressed_dynamics.reporting.common.charts import (
+    MOST_PLACES,
+    chart_json,
+    numbers,
+    places_of,
+    rounded,
+    value_table,
+)
+from addressed_dynamics.reporting.common.figures.style import MEMBERS, MODELS, OTHER_MODELS, OWN
+from addressed_dynamics.reporting.common.render import render_html, render_markdown
+
+PLACES = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
+ERRORS = tuple(10.0**-power for power in range(6))
+
+
+def view(choice: str, factor: float = 1.0) -> View:
+    lines = (
+        Line("ours", "#0072b2", tuple(factor * each for each in ERRORS), (1e-6,) * 6, (2.0,) * 6),
+        Line("</script>", "#4d4d4d", (None, *ERRORS[1:]), style="dashed"),
+        Line("third", "#e6a000", ERRORS, shown=False),
+    )
+    return View((choice,), f"error of {choice}", PLACES, lines)
+
+
+CHART = Chart("horizon", "Errors.", "Errors over time", "s", (view("x"), view("y", 7.0)), ("Dimension",))
+RANGES = Chart(
+    "ranges", "All.", "All models", "", (View((), "error", (), (Line("a", OWN, (2.0,), (1.0,), (3.0,)),)),),
+    form="ranges",
+)  # fmt: skip
+
+
+def page(*charts: Chart) -> str:
+    sections = (Section("Open", charts), Section("Folded", (CHART_IN_FOLD,), folded=True))
+    return render_html(Report("Title", "sub", "It works.", None, sections))
+
+
+CHART_IN_FOLD = Chart("folded", "Errors.", "Errors", "s", (view("z"),), ("Dimension",))
+
+
+def documents(text: str) -> list[Any]:
+    found = re.findall(r'<script type="application/json">(.*?)</script>', text, flags=re.DOTALL)
+    return [json.loads(each) for each in found]
+
+
+def test_the_page_has_the_numbers_that_a_chart_was_made_from() -> None:
+    first, *_ = documents(page(CHART))
+    assert first["places"] == [list(PLACES)]
+    assert [each["choice"] for each in first["views"]] == [["x"], ["y"]]
+    lines = first["views"][1]["lines"]
+    assert [line["name"] for line in lines] == ["ours", "</script>", "third"]
+    assert lines[0]["values"] == pytest.approx([7 * each for each in ERRORS], rel=5e-4)
+    assert (lines[0]["low"], lines[0]["high"]) == ([1e-6] * 6, [2.0] * 6)
+    assert lines[1]["values"][0] is None
+    assert [line["shown"] for line in lines] == [True, True, False]
+
+
+def test_no_name_ends_the_script_that_holds_a_chart() -> None:
+    assert "</script" not in chart_json(CHART)
+
+
+@given(st.floats(min_value=-1e300, max_value=1e300, allow_subnormal=False) | st.sampled_from([math.nan, math.inf]))
+def test_a_number_keeps_four_digits_and_what_is_none_is_a_gap(value: float) -> None:
+    kept = rounded(value)
+    if math.isfinite(value):
+        assert kept == pytest.approx(value, rel=5e-4)
+    else:
+        assert kept is None
+
+
+@given(st.integers(1, 3000))
+def test_a_chart_keeps_the_first_and_the_last_place_and_not_too_many(length: int) -> None:
+    kept = places_of(np.arange(length))
+    assert (kept[0], kept[-1]) == (0, length - 1)
+    assert kept == sorted(set(kept))
+    assert len(kept) <= MOST_PLACES
+    assert kept[:4] == list(range(min(length, 4)))
+
+
+def test_the_values_of_a_chart_stand_in_a_table_for_who_cannot_see_it() -> None:
+    table = value_table(CHART)
+    assert [column.header for column in table.columns] == ["s", "1.00", "2.00", "3.00", "5.00", "6.00"]
+    assert table.rows[0].cells == ("ours", "1.0", "0.10", "1.0\u202f×\u202f10⁻²", "1.0\u202f×\u202f10⁻⁴",
+                                   "1.0\u202f×\u202f10⁻⁵")  # fmt: skip
+    assert [row.cells[0] for row in table.rows] == ["ours", "</script>"]
+    assert table.rows[1].cells[1] == "–"
+    assert value_table(RANGES).rows[0].cells == ("a", "1.0", "2.0", "3.0")
+    markdown = render_markdown(Report("Title", "sub", "It works.", None, (Section("Open", (CHART,)),)))
+    assert "| ours | 1.0 | 0.10 |" in markdown
+
+
+def test_no_colour_means_both_a_model_and_a_network_of_the_ensemble() -> None:
+    models = {colour for _, colour in MODELS.values()} | set(OTHER_MODELS)
+    assert not models & set(MEMBERS)
+    titles = {title for title, _ in MODELS.values() if "recipe" not in title}
+    assert len({colour for title, colour in MODELS.values() if title in titles}) == len(titles)
+    assert numbers([float("nan"), 1.0]) == (None, 1.0)
+
+
+@needs_browser
+def test_a_browser_draws_the_charts_and_reads_them_off(tmp_path: Path) -> None:
+    script = """
+        const [first, ranges, folded] = document.querySelectorAll('figure.drawn');
+        const paths = () => [...first.querySelectorAll('svg path.line')].map((path) => path.getAttribute('d'));
+        const before = paths();
+        const select = first.querySelector('select');
+        select.value = 'y';
+        select.dispatchEvent(new Event('change'));
+        const after = paths();
+        const third = [...first.querySelectorAll('button')].find((each) => each.textContent === 'third');
+        const asked = third.getAttribute('aria-pressed');
+        third.click();
+        const svg = first.querySelector('svg');
+        for (const key of ['ArrowRight', 'ArrowRight']) {
+            svg.dispatchEvent(new KeyboardEvent('keydown', { key, bubbles: true, cancelable: true }));
+        }
+        return {
+            before: before.length, changed: before[0] !== after[0], asked, shown: paths().length,
+            bands: first.querySelectorAll('path.band').length,
+            label: svg.getAttribute('aria-label'), read: first.querySelector('.readout').textContent,
+            ranges: ranges.querySelectorAll('circle').length,
+            folded: folded.querySelectorAll('path.line').length,
+            overflow: document.documentElement.scrollWidth > innerWidth,
+        };
+    """
+    found = answers(page(CHART, RANGES), script, tmp_path)
+    assert found == {
+        "before": 2,
+        "changed": True,
+        "asked": "false",
+        "shown": 3,
+        "bands": 1,
+        "label": "Errors over time",
+        "read": "s: 2 — ours 0.7 (1.00 × 10⁻⁶ to 2); </script> 0.1; third 0.1",
+        "ranges": 1,
+        "folded": 2,
+        "overflow": False,
+    }
+
+
+@needs_browser
+def test_a_link_opens_what_it_leads_to_and_all_is_open_on_paper(tmp_path: Path) -> None:
+    script = """
+        const details = document.querySelector('#folded > details');
+        const before = details.open;
+        dispatchEvent(new Event('beforeprint'));
+        const printed = details.open;
+        dispatchEvent(new Event('afterprint'));
+        const after = details.open;
+        location.hash = '#folded';
+        dispatchEvent(new HashChangeEvent('hashchange'));
+        return [before, printed, after, details.open];
+    """
+    assert answers(page(CHART), script, tmp_path) == [False, True, False, True]
