@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 from addressed_dynamics.base.errors import AddressedDynamicsError, ReportError
-from publishing import documents, figures
+from publishing import ROOT, documents, figures
 
 FILM = Path("docs", "images", "film.gif")
 """The moving picture of the README."""
@@ -21,8 +21,8 @@ def main() -> None:
     )
     options = parser.parse_args()
     try:
-        for path in made(documents.ROOT, options.run):
-            print(path.relative_to(documents.ROOT))
+        for path in made(ROOT, options.run):
+            print(path.relative_to(ROOT))
     except AddressedDynamicsError as error:
         sys.exit(f"error: {error}")
 

@@ -14,9 +14,9 @@ from addressed_dynamics.evaluation.common.bootstrap import COVERAGE
 from addressed_dynamics.evaluation.transitions.horizons import LOST_PERCENT
 from addressed_dynamics.reporting.common import numbers
 from addressed_dynamics.reporting.transitions.paper import PAPER
+from publishing import ROOT
 from publishing.figures import Figures
 
-ROOT = Path(__file__).resolve().parents[1]
 FIGURES = Path("docs", "figures")
 TEMPLATES = Path("docs", "templates")
 DOCUMENTS = {"README.md.j2": Path("README.md"), "results.md.j2": Path("docs", "results.md")}

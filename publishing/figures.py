@@ -209,7 +209,7 @@ def _candidate(candidate: CandidateResult, course: Columns, scale: Mapping[str, 
         "percent": _percent({each.name: each.squared.mean for each in one_step.dimensions}, scale),
         "mse": {each.name: each.squared.mean for each in one_step.dimensions},
         "mae": {each.name: each.absolute.mean for each in one_step.dimensions},
-        "after": dict(_after(course, scale, step)),
+        "after": dict(_after(candidate, course, scale, step)),
         "rollouts": {
             group: {name: spread.median for name, spread in each.mse.items() if spread}
             for group, each in groups.items()
@@ -221,16 +221,23 @@ def _candidate(candidate: CandidateResult, course: Columns, scale: Mapping[str, 
     }
 
 
-def _after(course: Columns, scale: Mapping[str, float], step: float | None) -> Iterator[tuple[str, Figures]]:
-    """Yield the errors of the median rollout after each of `SECONDS`: in % of the range, and of each dimension."""
+def _after(
+    candidate: CandidateResult, course: Columns, scale: Mapping[str, float], step: float | None
+) -> Iterator[tuple[str, Figures]]:
+    """Yield the errors of the median rollout after each of `SECONDS`: in % of the range, and of each dimension.
+
+    Results of earlier versions lack the former, which is then put together from the medians of the dimensions.
+    """
     if not course or step is None:
         return
+    medians = {each.steps: each.median_percent for each in candidate.errors_after}
     for seconds in SECONDS:
-        rows = np.flatnonzero(course["horizon"] == round(seconds / step))
+        steps = round(seconds / step)
+        rows = np.flatnonzero(course["horizon"] == steps)
         if len(rows):
             squared = {name: float(course[f"{name}_p50"][rows[0]]) for name in scale}
             own = {name: value**0.5 for name, value in squared.items()}
-            yield f"{seconds:g}", {"percent": _percent(squared, scale), **own}
+            yield f"{seconds:g}", {"percent": medians.get(steps, _percent(squared, scale)), **own}
 
 
 def _percent(squared: Mapping[str, float], scale: Mapping[str, float]) -> float:

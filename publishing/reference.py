@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Iterator
 from html import escape
 from pathlib import Path
@@ -35,8 +34,7 @@ def api_page() -> str:
     """Return the reference of what `from addressed_dynamics import …` offers, which mkdocstrings fills in."""
     lines = ["# API", "", "What `from addressed_dynamics import …` offers.", ""]
     for name in sorted(addressed_dynamics.__all__, key=str.lower):
-        home = inspect.getmodule(getattr(addressed_dynamics, name))
-        lines += [f"::: {home.__name__ if home else addressed_dynamics.__name__}.{name}", ""]
+        lines += [f"::: {addressed_dynamics.__name__}.{name}", ""]
     return "\n".join(lines)
 
 

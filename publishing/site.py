@@ -10,8 +10,7 @@ from typing import Any
 from mkdocs.structure.files import File, Files
 
 from addressed_dynamics.cli.source_keys import source_keys
-from publishing import reference
-from publishing.documents import ROOT
+from publishing import ROOT, reference
 from publishing.stages import stages_picture
 
 DECISIONS = "Decisions"
