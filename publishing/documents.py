@@ -7,8 +7,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, UndefinedError
 
+from addressed_dynamics.base.errors import ReportError
 from addressed_dynamics.envs.mountain_car import HIGHEST_POSITION, LOWEST_POSITION
 from addressed_dynamics.evaluation.common.bootstrap import COVERAGE
 from addressed_dynamics.evaluation.transitions.horizons import LOST_PERCENT
@@ -33,7 +34,11 @@ def load_figures(folder: Path) -> Figures:
 
 
 def rendered(root: Path = ROOT) -> dict[Path, str]:
-    """Return every document with figures, by its path below `root`."""
+    """Return every document with figures, by its path below `root`.
+
+    Raises:
+        ReportError: a figure is missing.
+    """
     environment = Environment(
         loader=FileSystemLoader(root / TEMPLATES),
         undefined=StrictUndefined,
@@ -46,7 +51,7 @@ def rendered(root: Path = ROOT) -> dict[Path, str]:
     environment.globals |= GLOBALS
     figures = load_figures(root / FIGURES)
     figures["scales"] = [(title, figures[name]) for name, title in SCALES.items() if name in figures]
-    return {path: environment.get_template(name).render(figures) for name, path in DOCUMENTS.items()}
+    return {path: _filled(environment, name, figures) for name, path in DOCUMENTS.items()}
 
 
 def write(root: Path = ROOT) -> list[Path]:
@@ -175,6 +180,15 @@ GLOBALS = {
     "seeds_of": seeds_of,
     "worst_of": worst_of,
 }
+
+
+def _filled(environment: Environment, name: str, figures: Figures) -> str:
+    try:
+        return environment.get_template(name).render(figures)
+    except UndefinedError as error:
+        what = "an experiment or a model that it speaks of was not evaluated"
+        message = f"{TEMPLATES / name}: a figure is missing, for {what} ({error}); fill it from a run that has it"
+        raise ReportError(message) from error
 
 
 def _inside(folder: Path) -> Figures:

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 import subprocess
 from pathlib import Path
 from typing import Any
@@ -143,3 +144,12 @@ def test_links_lead_to_files(path: str) -> None:
     # What the site makes of the code is not in the repository.
     linked = [each for each in targets if each and not each.startswith("reference/")]
     assert [each for each in linked if not (ROOT / path).parent.joinpath(each).exists()] == []
+
+
+def test_a_figure_that_no_file_has_is_one_line_that_says_what_is_missing(tmp_path: Path) -> None:
+    shutil.copytree(ROOT / documents.TEMPLATES, tmp_path / documents.TEMPLATES)
+    shutil.copytree(ROOT / documents.FIGURES, tmp_path / documents.FIGURES)
+    (tmp_path / documents.FIGURES / "clips.json").unlink()
+    with pytest.raises(ReportError, match=r"results.md.j2: a figure is missing, .* \('clips' is undefined\)") as found:
+        documents.rendered(tmp_path)
+    assert "\n" not in str(found.value)
