@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import posixpath
 import re
 from pathlib import Path
@@ -23,12 +24,16 @@ _LINK = re.compile(r"(!?)\[([^\]]*)\]\(([^)#\s]+)(#[^)\s]*)?\)")
 
 
 def on_config(config: Any) -> Any:
-    """Name every decision and every example in the navigation."""
+    """Name every decision, every example and every other page in the navigation."""
     found = {
         DECISIONS: [{_title(path): f"decisions/{path.name}"} for path in _decisions()],
         EXAMPLES: [{_title(path): _page(path)} for path in _examples()],
     }
-    config.nav = [{title: found.get(title, inside)} for each in config.nav for title, inside in each.items()]
+    named = [{title: found.get(title, inside)} for each in config.nav for title, inside in each.items()]
+    # A page that nobody has named yet is found all the same.
+    text = json.dumps(named)
+    others = [path for path in sorted((ROOT / "docs").glob("*.md")) if f'"{path.name}"' not in text]
+    config.nav = [*named, *({_title(path): path.name} for path in others)]
     return config
 
 
