@@ -12,13 +12,10 @@ from mkdocs.structure.files import File, Files
 
 from addressed_dynamics.cli.source_keys import source_keys
 from publishing import ROOT, reference
-from publishing.stages import stages_picture
 
 DECISIONS = "Decisions"
 """Title in the navigation below which every decision stands."""
 EXAMPLES = "Examples"
-STAGES = "<!-- stages -->"
-"""Where a page has the picture of the stages."""
 _CODE = re.compile(r"`[^`\n]+`")
 _LINK = re.compile(r"(!?)\[([^\]]*)\]\(([^)#\s]+)(#[^)\s]*)?\)")
 
@@ -54,12 +51,11 @@ def on_files(files: Files, config: Any) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str:  # noqa: ARG001 - MkDocs passes it
-    """Draw the stages; let links lead to pages of the site, and take those away that lead to a file which is none."""
+    """Let links lead to the pages of the site, and take those away that lead to a file which is none."""
     uri: str = page.file.src_uri
     # GitHub wants a bar in a cell's code escaped, Python-Markdown shows the backslash.
     bars = _CODE.sub(lambda code: code.group().replace("\\|", "|"), markdown)
-    drawn = bars.replace(STAGES, stages_picture(ROOT / "dvc.yaml")) if STAGES in bars else bars
-    return _LINK.sub(lambda link: _link(link, uri, files), drawn)
+    return _LINK.sub(lambda link: _link(link, uri, files), bars)
 
 
 def _link(link: re.Match[str], uri: str, files: Files) -> str:

@@ -8,14 +8,12 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
-from ruamel.yaml import YAML
 from stage_dependencies import ROOT
 from typer.main import get_command
 
 import addressed_dynamics
 from addressed_dynamics.cli.main import app
 from publishing import reference
-from publishing.stages import direct, needed, stages_picture
 
 LOADED = {"script": "src", "link": "href", "img": "src", "iframe": "src", "source": "src", "video": "src"}
 """Attributes that name what a browser fetches with a page."""
@@ -81,15 +79,3 @@ def test_the_reference_of_the_params_has_both_kinds_with_their_meanings() -> Non
     assert "# One ensemble is trained from each seed" in transitions
     assert "members: 4" in motion.partition("## An example")[0]
     assert "behaviour:" in text.partition("## An example: mountaincar")[2]
-
-
-def test_the_picture_of_the_stages_shows_what_each_needs() -> None:
-    stages = YAML(typ="safe", pure=True).load((ROOT / "dvc.yaml").read_text(encoding="utf-8"))["stages"]
-    needs = {name: needed(name, stages) for name in stages}
-    assert needs["record"] == needs["import"] == set()
-    assert needs["convert"] == {"record", "import"}
-    assert {"train_ensemble", "convert"} <= needs["train_addressing"]
-    assert direct(needs["train_addressing"], needs) == {"train_ensemble"}
-    assert needs["report"] >= {"evaluate", "train_baselines"}
-    picture = stages_picture(ROOT / "dvc.yaml")
-    assert all(f">{name}</text>" in picture for name in stages)
