@@ -136,9 +136,7 @@ def test_a_figure_beside_the_paper_says_how_many_times_less_or_more_it_is(
 def test_links_lead_to_files(path: str) -> None:
     text = (ROOT / path).read_text(encoding="utf-8")
     targets = [each.partition("#")[0] for each in re.findall(r"\]\(([^)\s]+)\)", text) if "://" not in each]
-    # What the site makes of the code is not in the repository.
-    linked = [each for each in targets if each and not each.startswith("reference/")]
-    assert [each for each in linked if not (ROOT / path).parent.joinpath(each).exists()] == []
+    assert [each for each in targets if each and not (ROOT / path).parent.joinpath(each).exists()] == []
 
 
 def test_a_figure_that_no_file_has_is_one_line_that_says_what_is_missing(tmp_path: Path) -> None:
