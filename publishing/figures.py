@@ -165,6 +165,9 @@ def _range(dimension: Mapping[str, Any]) -> float:
 
 
 def _rollouts(candidate: CandidateResult) -> int | None:
+    """Return how many rollouts there are; those of results of earlier versions are of one episode each."""
+    if candidate.errors_after:
+        return candidate.errors_after[0].rollouts
     return candidate.rollouts.all.episodes if candidate.rollouts else None
 
 
