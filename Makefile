@@ -20,7 +20,7 @@ export MLFLOW_DISABLE_TELEMETRY := true
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run example ride hopper test ui bench clean
+.PHONY: help setup run example ride hopper test docs results ui bench clean
 
 help:
 	@echo "make run     install into $(VENV), run the pipeline, write data/reports/*/report.html"
@@ -28,6 +28,8 @@ help:
 	@echo "make ride    fetch a real bicycle ride and go from it to a report (two minutes)"
 	@echo "make hopper  install MuJoCo, record its Hopper and go from it to a report (ten minutes)"
 	@echo "make test    check format, style, types and imports, then run the tests"
+	@echo "make docs    build the documentation in site/"
+	@echo "make results fill README.md and docs/results.md with the figures of the last run (FROM=folder: of a run there)"
 	@echo "make ui      browse the runs in MLflow (Ctrl-C ends it)"
 	@echo "make bench   measure every speed claim, one after the other"
 	@echo "make clean   remove what is not in Git: data, caches, runs and $(VENV)"
@@ -94,6 +96,16 @@ test: $(VENV)/checked
 	$(BIN)/lint-imports
 	PATH="$(CURDIR)/$(BIN):$$PATH" OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder
 
+# The banner that the variable turns off says what its makers sell next.
+docs: $(VENV)/checked
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
+	@echo "open site/index.html"
+
+# A run of another scale, in a clone of its own: make results FROM=path/to/clone
+FROM ?= .
+results: $(VENV)/installed
+	$(BIN)/python -m publishing --from '$(FROM)'
+
 ui: $(VENV)/installed
 	$(BIN)/addressed-dynamics ui
 
@@ -101,6 +113,6 @@ bench: $(VENV)/installed
 	@set -e; for script in $$(grep -l "def main" benchmarks/*.py | grep -v real_data); do echo "== $$script"; $(BIN)/python "$$script"; done
 
 clean:
-	rm -rf $(VENV) build .checkpoints .mlflow .dvc/cache .dvc/tmp data
+	rm -rf $(VENV) build site .checkpoints .mlflow .dvc/cache .dvc/tmp data
 	rm -rf .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache src/*.egg-info
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

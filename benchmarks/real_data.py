@@ -148,29 +148,46 @@ def ratios(evaluation: Mapping[str, Any]) -> dict[str, list[float]]:
     }
 
 
+def medians_and_worst(of_seeds: Sequence[Sequence[float]]) -> dict[str, tuple[float, float]]:
+    """Return the median over the seeds of each ratio, and the worst."""
+    several = zip(("mae", "rmse", "rollout"), zip(*of_seeds, strict=True), strict=True)
+    return {name: (statistics.median(each), max(each)) for name, each in several}
+
+
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--record", action="append", choices=RECORDS, help="one of them; all by default")
     parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--figures", type=Path, help="where the figures for docs/results.md go, as JSON")
     parser.add_argument("--folder", type=Path, help="where the clones are kept; a temporary folder by default")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
         folder = arguments.folder or Path(temporary)
-        rows = []
+        rows, kept = [], dict[str, Any]()
         for name in arguments.record or RECORDS:
             clone = folder.resolve() / name
             subprocess.run(["git", "clone", "--quiet", ROOT, clone], check=True)
             found = list(evaluations(name, range(arguments.seeds), clone))
-            delivered = ", ".join(dict.fromkeys(each["choice"]["candidate"].partition("/seed-")[0] for each in found))
+            delivered = list(dict.fromkeys(each["choice"]["candidate"].partition("/seed-")[0] for each in found))
             of_seeds = [ratios(each) for each in found]
-            for dimension in of_seeds[0]:
-                several = zip(*(each[dimension] for each in of_seeds), strict=True)
-                cells = [f"{statistics.median(each):.2f} ({max(each):.2f})" for each in several]
-                rows.append((f"{name}: {dimension}", *cells, delivered))
+            dimensions = {
+                dimension: medians_and_worst([each[dimension] for each in of_seeds]) for dimension in of_seeds[0]
+            }
+            kept[name] = {
+                "what": RECORDS[name].what,
+                "seeds": len(found),
+                "delivered": delivered,
+                "dimensions": dimensions,
+            }
+            for dimension, errors_of in dimensions.items():
+                cells = [f"{median:.2f} ({worst:.2f})" for median, worst in errors_of.values()]
+                rows.append((f"{name}: {dimension}", *cells, ", ".join(delivered)))
             print(f"{name}: {RECORDS[name].what}", flush=True)
         print("Error of what is delivered over that of the better reference: median of the seeds (the worst).")
         print_table(("record: state", "one step: MAE", "RMSE", "rollout: RMSE", "delivered"), rows)
+    if arguments.figures:
+        arguments.figures.write_text(json.dumps({"records": kept}), encoding="utf-8")
 
 
 if __name__ == "__main__":

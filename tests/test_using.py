@@ -1,4 +1,4 @@
-"""What docs/using.md shows of environments runs as it stands there."""
+"""What docs/simulator.md shows of environments runs as it stands there."""
 
 import re
 from pathlib import Path
@@ -17,7 +17,7 @@ from addressed_dynamics.simulators.delivery import Delivered, write_delivered
 from addressed_dynamics.simulators.starts import write_starts
 from addressed_dynamics.sources.transitions.params import FeatureParams
 
-USING = Path(__file__).parents[1] / "docs" / "using.md"
+USING = Path(__file__).parents[1] / "docs" / "simulator.md"
 
 
 def programs(title: str) -> list[str]:

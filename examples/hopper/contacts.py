@@ -5,6 +5,7 @@ root of the repository after `make hopper`.
 """
 
 import argparse
+import json
 import sys
 from pathlib import Path
 from typing import Any
@@ -54,6 +55,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--tables", type=Path, default=Path("data/tables/hopper"))
     parser.add_argument("--models", type=Path, default=Path("data/models/hopper"))
+    parser.add_argument("--figures", type=Path, help="where the figures for docs/results.md go, as JSON")
     options = parser.parse_args()
     own = AddressedDynamics.load(options.models, candidate="ensemble")
     features = own.features
@@ -66,14 +68,19 @@ def main() -> None:
         + " |"
     )
     print("| --- |" + " ---: |" * (len(groups) + 1))
+    found = dict[str, list[float]]()
     for candidate in [
         *ensemble_candidates(*load_ensembles(options.models)),
         *baseline_candidates(options.models / "baselines", own),
     ]:
         if candidate.name.startswith(SHOWN):
             losses = scaled_losses(predict_all(candidate.predictor, points), points, "mse").numpy()
-            means = [losses.mean(), *(losses[group].mean() for group in groups.values())]
+            found[candidate.label] = [float(losses[group].mean()) for group in groups.values()]
+            means = [losses.mean(), *found[candidate.label]]
             print(f"| {candidate.label} | " + " | ".join(f"{mean * 1e5:.3g}" for mean in means) + " |")
+    if options.figures:
+        shares = {name: float(group.mean()) for name, group in groups.items()}
+        options.figures.write_text(json.dumps({"shares": shares, "candidates": found}), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ Run it in the root of the repository after `make example`: `python -m examples.p
 """
 
 import argparse
+import json
 import sys
 from functools import partial
 from pathlib import Path
@@ -16,6 +17,8 @@ from addressed_dynamics.base.errors import AddressedDynamicsError
 from addressed_dynamics.planning import Cost, Planner
 from examples.pendulum.make_logs import TICK, integrate
 
+TRUST = 0.001
+"""Least trust in a step of a plan that is believed."""
 NEAR = 0.05
 """So close to the target counts as there, in rad."""
 
@@ -60,27 +63,33 @@ def main() -> None:
     """Print a table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--models", type=Path, default=Path("data/models/pendulum"))
+    parser.add_argument("--figures", type=Path, help="where the figures for docs/results.md go, as JSON")
     options = parser.parse_args()
     model = AddressedDynamics.load(options.models)
     seconds = model.features.spaces.step_seconds
     cem = partial(CEM, model, samples=100, iterations=3)
     mppi = partial(MPPI, model, iterations=2, temperature=0.02)
-    doubting = partial(cem, trust=0.001, penalty=4.0)
+    doubting = partial(cem, trust=TRUST, penalty=4.0)
     tasks = {
         "stay at 0.35 rad, CEM": (0.35, doubting(staying(0.35), horizon=20)),
-        "stay at 0.35 rad, MPPI": (0.35, mppi(staying(0.35), horizon=20, trust=0.001, penalty=4.0)),
+        "stay at 0.35 rad, MPPI": (0.35, mppi(staying(0.35), horizon=20, trust=TRUST, penalty=4.0)),
         "stay at −0.2 rad, CEM": (-0.2, doubting(staying(-0.2), horizon=20)),
-        "stay at −0.2 rad, MPPI": (-0.2, mppi(staying(-0.2), horizon=20, trust=0.001, penalty=4.0)),
+        "stay at −0.2 rad, MPPI": (-0.2, mppi(staying(-0.2), horizon=20, trust=TRUST, penalty=4.0)),
         "swing up to 1.2 rad, CEM that believes all": (1.2, cem(reaching(1.2), horizon=40, hold=2)),
         "swing up to 1.2 rad, CEM": (1.2, doubting(reaching(1.2), horizon=40, hold=2)),
     }
     print("| task | nearest, rad | there after, s | mean distance in the last second, rad |")
     print("| --- | ---: | ---: | ---: |")
+    found = dict[str, dict[str, float | None]]()
     for name, (target, planner) in tasks.items():
         distance = np.abs(episode(planner, 80, seconds) - target)
-        there = f"{(np.argmax(distance < NEAR) + 1) * seconds:.2f}" if (distance < NEAR).any() else "never"
-        kept = f"{distance[-20:].mean():.3f}" if name.startswith("stay") else "–"
-        print(f"| {name} | {distance.min():.3f} | {there} | {kept} |", flush=True)
+        there = float(np.argmax(distance < NEAR) + 1) * seconds if (distance < NEAR).any() else None
+        kept = float(distance[-20:].mean()) if name.startswith("stay") else None
+        found[name] = {"nearest": float(distance.min()), "there": there, "kept": kept}
+        when, where = "never" if there is None else f"{there:.2f}", "–" if kept is None else f"{kept:.3f}"
+        print(f"| {name} | {distance.min():.3f} | {when} | {where} |", flush=True)
+    if options.figures:
+        options.figures.write_text(json.dumps({"trust": TRUST, "tasks": found}), encoding="utf-8")
 
 
 if __name__ == "__main__":
