@@ -29,7 +29,7 @@ def main(call: Call) -> str:
         write_evaluated(found, folder)
         name = f"{experiment} evaluation seed={found.delivered.seed}"
         with tracking.run(stage="evaluate", experiment=experiment, name=name, params=params.model_dump(mode="json"),
-                          params_file=call.params_file) as run:  # fmt: skip
+                          params_file=call.params_file, data=tables_dir(experiment)) as run:  # fmt: skip
             run.log(found.headline, step=0)
             run.log_output(folder)
     write_trust(models_dir(experiment), found.calibrated, found.uncalibrated)
