@@ -232,6 +232,39 @@ def export(
 
 
 @app.command()
+def compare(
+    first: Annotated[
+        str,
+        typer.Argument(metavar="A", help="A commit, branch, tag or DVC experiment, 'workspace', or a run in MLflow."),
+    ],
+    second: Annotated[str, typer.Argument(metavar="B", help="What it is compared with.")] = "workspace",
+    experiment: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="Only this experiment; repeat it for several.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")] = False,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="FILE", help="Write it as one HTML file, too.")
+    ] = None,
+) -> None:
+    """Say what differs between two versions of experiments: params, data, code and figures, with intervals."""
+    from addressed_dynamics.cli.compare_view import comparison_view
+    from addressed_dynamics.comparing.asking import compare_all
+    from addressed_dynamics.comparing.page import write_page
+
+    found = compare_all(first, second, experiment or ())
+    if output is not None:
+        write_page(found, output)
+    if as_json:
+        print(json.dumps({"comparisons": [each.to_json() for each in found]}, indent=2))
+        return
+    console = _console()
+    for each in found:
+        console.print(comparison_view(each, console.width), crop=False)
+    if output is not None:
+        print(f"all of it is in {output}")
+
+
+@app.command()
 def ui(port: Annotated[int, typer.Option(min=1, max=65535, help="Port of the web page.")] = 5000) -> None:
     """Browse the runs in MLflow's user interface until Ctrl-C."""
     # MLflow takes seconds to import, and no other command needs it.

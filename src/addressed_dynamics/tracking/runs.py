@@ -10,6 +10,7 @@ import getpass
 import json
 import logging
 import os
+import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext, suppress
@@ -23,6 +24,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from addressed_dynamics.base.errors import TrackingError
+from addressed_dynamics.base.files import save_arrays
 from addressed_dynamics.base.versions import code_changed, data_digest, git_commit, output_digests
 from addressed_dynamics.tracking.parents import PARENT_TAG, Parents, Pipeline, log_params, pipeline_of
 from addressed_dynamics.tracking.store import (
@@ -112,6 +114,17 @@ class Run:
         """Keep a copy of the file or folder at `path` with the run, in `folder` among its artifacts."""
         send = "log_artifacts" if path.is_dir() else "log_artifact"
         self._attempt(str(path), lambda run_id: getattr(self._client, send)(run_id, str(path), folder))
+
+    def log_arrays(self, name: str, arrays: Mapping[str, np.ndarray]) -> None:
+        """Keep named arrays with the run, in a file `<name>.npz` among its artifacts; nothing if there are none."""
+        if arrays:
+            self._attempt(name, lambda run_id: self._log_arrays(run_id, name, arrays))
+
+    def _log_arrays(self, run_id: str, name: str, arrays: Mapping[str, np.ndarray]) -> None:
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / f"{name}.npz"
+            save_arrays(file, dict(arrays))
+            self._client.log_artifact(run_id, str(file))
 
     def log_dataset(self, name: str, path: Path, digest: str | None = None) -> None:
         """Say which data the run used; `digest` is by default what DVC has for `path`, see `data_digest`."""

@@ -1,0 +1,97 @@
+"""A comparison as one HTML file, of the blocks that reports are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from addressed_dynamics.base.files import write_text
+from addressed_dynamics.comparing.comparison import Change, Comparison, ErrorChange
+from addressed_dynamics.comparing.words import interval_words, shown, times
+from addressed_dynamics.evaluation.common.bootstrap import COVERAGE, DRAWS
+from addressed_dynamics.reporting.common.blocks import Block, Column, Facts, Report, Row, Section, Table, Text
+from addressed_dynamics.reporting.common.numbers import significant
+from addressed_dynamics.reporting.common.render import render_html
+
+HOW = (
+    f"The ratio is the second error in multiples of the first, with the interval that holds {100 * COVERAGE:g} % of "
+    f"{DRAWS:,} draws of test episodes, the same ones for both where both were judged on the same. Where it holds 1, "
+    "other test episodes could turn the comparison round, and neither is called better; of another training from other "
+    "seeds it says nothing."
+)
+"""What the intervals are."""
+
+
+def write_page(comparisons: Sequence[Comparison], path: Path) -> None:
+    """Write the comparisons into an HTML file that loads nothing from elsewhere.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    write_text(path, render_html(page(comparisons)))
+
+
+def page(comparisons: Sequence[Comparison]) -> Report:
+    """Return the comparisons of two versions, one section for each part of an experiment."""
+    first, second = comparisons[0].first, comparisons[0].second
+    several = len(comparisons) > 1
+    sections = [
+        Section(f"{each.experiment}: {title}" if several else title, blocks)
+        for each in comparisons
+        for title, blocks in _sections(each)
+    ]
+    return Report(
+        title=f"{first.name} and {second.name}",
+        subtitle=", ".join(each.experiment for each in comparisons),
+        verdict=" ".join(each.verdict for each in comparisons),
+        findings=tuple(note for each in comparisons for note in each.notes),
+        targets=error_table("Errors of the recommended models.", [e for each in comparisons for e in each.errors]),
+        sections=tuple(sections),
+    )
+
+
+def error_table(caption: str, errors: Sequence[ErrorChange]) -> Table:
+    """Return errors in two versions, with what follows from them."""
+    columns = (
+        Column("Model", numeric=False), Column("Error", numeric=False), Column("A"), Column("B"), Column("B / A"),
+        Column(f"{100 * COVERAGE:g} %"), Column("B is", numeric=False),
+    )  # fmt: skip
+    rows = [
+        Row((each.model, each.measure, significant(each.first), significant(each.second), times(each.ratio),
+             interval_words(each.ratio), each.said))
+        for each in errors
+    ]  # fmt: skip
+    how = sorted({each.how for each in errors})
+    return Table(f"{caption} {HOW} Here: {'; '.join(how)}." if how else caption, columns, tuple(rows))
+
+
+def _sections(each: Comparison) -> Iterator[tuple[str, tuple[Block, ...]]]:
+    yield "What is compared", (Facts({"A": each.first.what, "B": each.second.what}),)
+    defaults = "Keys that differ, those at their defaults included; the defaults are of the version installed here."
+    yield "Params", (_changes(defaults, each.params, "All params are the same."),)
+    digests = "What DVC has of the data (the first digits of digests), and counts of rows and episodes that differ."
+    yield "Data", (_changes(digests, each.data, "The data are the same."),)
+    code = "Code that the stages depend on and that differs: it may change figures though params and data are the same."
+    yield "Code", (_changes(code, each.code, "The code of the stages is the same."),)
+    figures = "Figures of the evaluation. They are single numbers, so there is no interval: of errors, see below."
+    yield "Figures", (_changes(figures, each.figures, "No figure of both is known."),)
+    if each.candidates:
+        yield "All models", (error_table("Models that both versions have.", each.candidates),)
+
+
+def _changes(caption: str, changes: Sequence[Change], nothing: str) -> Block:
+    if not changes:
+        return Text((nothing,))
+    columns = (Column("", numeric=False), Column("A"), Column("B"), Column("B − A"))
+    rows = tuple(Row((each.name, shown(each.first), shown(each.second), _difference(each))) for each in changes)
+    if all(not row.cells[3] for row in rows):
+        return Table(caption, columns[:3], tuple(Row(row.cells[:3]) for row in rows))
+    return Table(caption, columns, rows)
+
+
+def _difference(change: Change) -> str:
+    values = change.first, change.second
+    if any(isinstance(each, bool) or not isinstance(each, int | float) for each in values):
+        return ""
+    difference = change.second - change.first
+    return f"{difference:+.4g}" if difference else "0"
