@@ -1,6 +1,7 @@
 """Write the report, and keep it in MLflow together with the delivered model."""
 
 from addressed_dynamics import tracking
+from addressed_dynamics.base.files import write_text
 from addressed_dynamics.base.kinds import supplied
 from addressed_dynamics.base.params.experiments import load_experiment
 from addressed_dynamics.base.versions import code_version, output_digests
@@ -20,6 +21,7 @@ def main(call: Call) -> str:
         code_version(), trained,
     )  # fmt: skip
     written = supplied("reporting", call.kind).write(subject, target)
+    write_text(target / "verdict.txt", f"{written.verdict}\n")
     with tracking.run(stage="report", experiment=experiment, name=f"{experiment} report", params={},
                       params_file=call.params_file, data=tables_dir(experiment)) as run:  # fmt: skip
         run.log(written.headline, step=0)

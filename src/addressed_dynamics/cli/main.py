@@ -27,6 +27,7 @@ from addressed_dynamics.cli.new import (
 from addressed_dynamics.cli.params_view import params_lines
 from addressed_dynamics.cli.source_keys import source_keys
 from addressed_dynamics.cli.terminal import file_view, folder_view
+from addressed_dynamics.cli.verdicts import verdict_lines
 from addressed_dynamics.importing.finding import check_there, find_logs
 from addressed_dynamics.importing.proposing import Wishes
 from addressed_dynamics.logs import RecoveryReport, recover_log
@@ -262,6 +263,15 @@ def compare(
         console.print(comparison_view(each, console.width), crop=False)
     if output is not None:
         print(f"all of it is in {output}")
+
+
+@app.command()
+def verdicts(
+    file: Annotated[Path, typer.Option("--params", help="The params file.")] = Path("params.yaml"),
+) -> None:
+    """Print what was found of each experiment and where its report is, one line each."""
+    for line in verdict_lines(file):
+        print(line)
 
 
 @app.command()

@@ -40,28 +40,39 @@ def page(comparisons: Sequence[Comparison]) -> Report:
         for each in comparisons
         for title, blocks in _sections(each)
     ]
+    models = [f"{each.experiment}: {each.errors[0].model}" for each in comparisons if each.errors]
+    rows = [
+        (f"{each.experiment}: {change.measure}" if several else change.measure, change)
+        for each in comparisons
+        for change in each.errors
+    ]
+    caption = f"Errors of the recommended models ({'; '.join(models)})." if models else ""
     return Report(
         title=f"{first.name} and {second.name}",
         subtitle=", ".join(each.experiment for each in comparisons),
         verdict=" ".join(each.verdict for each in comparisons),
-        findings=tuple(note for each in comparisons for note in each.notes),
-        targets=error_table("Errors of the recommended models.", [e for each in comparisons for e in each.errors]),
+        findings=tuple(
+            f"{each.experiment}: {note}" if several else note for each in comparisons for note in each.notes
+        ),
+        targets=_error_table(caption, (Column("Error", numeric=False),), [((name,), change) for name, change in rows]),
         sections=tuple(sections),
     )
 
 
-def error_table(caption: str, errors: Sequence[ErrorChange]) -> Table:
-    """Return errors in two versions, with what follows from them."""
+def _error_table(
+    caption: str, names: tuple[Column, ...], errors: Sequence[tuple[tuple[str, ...], ErrorChange]]
+) -> Table:
+    """Return errors in two versions by their names; what follows from them stands first, so that it is never cut."""
     columns = (
-        Column("Model", numeric=False), Column("Error", numeric=False), Column("A"), Column("B"), Column("B / A"),
-        Column(f"{100 * COVERAGE:g} %"), Column("B is", numeric=False),
+        *names, Column("B is", numeric=False), Column("B / A"), Column(f"{100 * COVERAGE:g} %"), Column("A"),
+        Column("B"),
     )  # fmt: skip
     rows = [
-        Row((each.model, each.measure, significant(each.first), significant(each.second), times(each.ratio),
-             interval_words(each.ratio), each.said))
-        for each in errors
+        Row((*name, each.said, times(each.ratio), interval_words(each.ratio), significant(each.first),
+             significant(each.second)))
+        for name, each in errors
     ]  # fmt: skip
-    how = sorted({each.how for each in errors})
+    how = sorted({each.how for _, each in errors})
     return Table(f"{caption} {HOW} Here: {'; '.join(how)}." if how else caption, columns, tuple(rows))
 
 
@@ -76,7 +87,9 @@ def _sections(each: Comparison) -> Iterator[tuple[str, tuple[Block, ...]]]:
     figures = "Figures of the evaluation. They are single numbers, so there is no interval: of errors, see below."
     yield "Figures", (_changes(figures, each.figures, "No figure of both is known."),)
     if each.candidates:
-        yield "All models", (error_table("Models that both versions have.", each.candidates),)
+        names = Column("Model", numeric=False), Column("Error", numeric=False)
+        rows = [((change.model, change.measure), change) for change in each.candidates]
+        yield "All models", (_error_table("Models that both versions have.", names, rows),)
 
 
 def _changes(caption: str, changes: Sequence[Change], nothing: str) -> Block:
