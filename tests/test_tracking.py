@@ -475,6 +475,12 @@ def test_a_password_of_the_server_does_not_get_into_links(monkeypatch: pytest.Mo
     assert link.startswith("https://runs.example:8443/mlflow/#/experiments/7/runs/r")
 
 
+def free_port() -> int:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return int(free.getsockname()[1])
+
+
 @pytest.mark.usefixtures("project")
 def test_the_ui_without_a_store_says_how_to_get_one() -> None:
     with pytest.raises(TrackingError, match="make run"):
@@ -491,6 +497,13 @@ def test_the_ui_says_when_its_port_is_taken(project: Path) -> None:
             tracking.serve_ui(other.getsockname()[1])
 
 
+def test_the_ui_of_a_broken_store_says_so(project: Path) -> None:
+    (project / ".mlflow").mkdir()
+    (project / ".mlflow" / "mlflow.db").write_bytes(b"this is no database" * 1000)
+    with pytest.raises(TrackingError, match="cannot be opened"):
+        tracking.serve_ui(free_port())
+
+
 def test_the_ui_of_a_server_is_on_that_server(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MLFLOW_TRACKING_URI", "http://runs.example")
     with pytest.raises(TrackingError, match=r"open http://runs\.example in a browser"):
@@ -502,9 +515,7 @@ def test_the_ui_of_a_server_is_on_that_server(monkeypatch: pytest.MonkeyPatch) -
 def test_the_ui_serves_the_store_until_it_is_interrupted() -> None:
     with tracking.run(stage="s", experiment="served", name="n", params={}):
         pass
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+    port = free_port()
     program = f"from addressed_dynamics import tracking; tracking.serve_ui({port})"
     server = subprocess.Popen(
         [sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True

@@ -186,7 +186,7 @@ def test_the_page_has_every_figure_and_loads_nothing(project: Path, tmp_path: Pa
     commit(project, "Improve")
     found = compare_all("first", "main")
     assert [section.title for section in page(found).sections] == [
-        "What is compared", "Params", "Data", "Code", "Figures", "All models",
+        "In short", "Params", "Data", "Code", "Figures", "All models",
     ]  # fmt: skip
     write_page(found, tmp_path / "page.html")
     text = (tmp_path / "page.html").read_text(encoding="utf-8")

@@ -35,28 +35,37 @@ def page(comparisons: Sequence[Comparison]) -> Report:
     """Return the comparisons of two versions, one section for each part of an experiment."""
     first, second = comparisons[0].first, comparisons[0].second
     several = len(comparisons) > 1
-    sections = [
+    parts = [
         Section(f"{each.experiment}: {title}" if several else title, blocks)
         for each in comparisons
         for title, blocks in _sections(each)
     ]
-    models = [f"{each.experiment}: {each.errors[0].model}" for each in comparisons if each.errors]
-    rows = [
-        (f"{each.experiment}: {change.measure}" if several else change.measure, change)
-        for each in comparisons
-        for change in each.errors
-    ]
-    caption = f"Errors of the recommended models ({'; '.join(models)})." if models else ""
     return Report(
         title=f"{first.name} and {second.name}",
         subtitle=", ".join(each.experiment for each in comparisons),
         verdict=" ".join(each.verdict for each in comparisons),
-        findings=tuple(
-            f"{each.experiment}: {note}" if several else note for each in comparisons for note in each.notes
-        ),
-        targets=_error_table(caption, (Column("Error", numeric=False),), [((name,), change) for name, change in rows]),
-        sections=tuple(sections),
+        findings=(),
+        targets=Table("", (), ()),
+        sections=(Section("In short", tuple(_in_short(comparisons))), *parts),
     )
+
+
+def _in_short(comparisons: Sequence[Comparison]) -> Iterator[Block]:
+    """Yield the errors of the recommended models in all experiments, what is compared, and what is missing."""
+    several = len(comparisons) > 1
+    errors = [
+        ((f"{each.experiment}: {change.measure}" if several else change.measure,), change)
+        for each in comparisons
+        for change in each.errors
+    ]
+    if errors:
+        models = [f"{each.experiment}: {each.errors[0].model}" for each in comparisons if each.errors]
+        caption = f"Errors of the recommended models ({'; '.join(models)})."
+        yield _error_table(caption, (Column("Error", numeric=False),), errors)
+    yield Facts({"A": comparisons[0].first.what, "B": comparisons[0].second.what})
+    notes = tuple(f"{each.experiment}: {note}" if several else note for each in comparisons for note in each.notes)
+    if notes:
+        yield Text(notes)
 
 
 def _error_table(
@@ -77,7 +86,6 @@ def _error_table(
 
 
 def _sections(each: Comparison) -> Iterator[tuple[str, tuple[Block, ...]]]:
-    yield "What is compared", (Facts({"A": each.first.what, "B": each.second.what}),)
     defaults = "Keys that differ, those at their defaults included; the defaults are of the version installed here."
     yield "Params", (_changes(defaults, each.params, "All params are the same."),)
     digests = "What DVC has of the data (the first digits of digests), and counts of rows and episodes that differ."

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import socket
+import sqlite3
 import sys
 from importlib.metadata import entry_points
 from typing import Any, NoReturn
@@ -66,8 +67,12 @@ def serve_ui(port: int = UI_PORT) -> NoReturn:
     _check_port(port)
     command = [sys.executable, "-m", "mlflow", "server", "--host", "127.0.0.1", "--port", str(port), "--workers", "1"]
     if store.folder is not None:
-        with locked(store.folder):
-            move_artifacts(store.folder)
+        try:
+            with locked(store.folder):
+                move_artifacts(store.folder)
+        except (sqlite3.Error, OSError) as error:
+            message = f"{store.folder / 'mlflow.db'}: the store of runs cannot be opened ({error})"
+            raise TrackingError(message) from error
         command += ["--default-artifact-root", (store.folder / ARTIFACTS).as_uri()]
     # An installation of before there was an entry point has none until the next 'pip install'.
     if entry_points(group="mlflow.app", name=APP):
