@@ -367,9 +367,11 @@ def runs_of(root: Path, experiment: str) -> dict[str, Any]:
 
 def test_stages_on_the_same_data_and_params_are_nested_below_one_run_of_the_pipeline(store: Path) -> None:
     write_params(store, "nests")
+    (store / "dvc.lock").write_text(LOCK.replace("mountaincar", "car"))
     log_stage("nests", "train_ensemble")
     log_stage("nests", "evaluate", **{"loss/test": 0.5})
     write_params(store, "nests", 4)
+    (store / "dvc.lock").write_text(LOCK.replace("mountaincar", "car"))
     log_stage("nests", "train_ensemble")
     server = client(store)
     found = server.search_runs([server.get_experiment_by_name("nests").experiment_id], order_by=["start_time ASC"])
@@ -382,6 +384,7 @@ def test_stages_on_the_same_data_and_params_are_nested_below_one_run_of_the_pipe
     assert [each.params["ensemble.epochs"] for each in above.values()] == ["3", "4"]
     assert all(each.params["ensemble.batch_size"] for each in above.values())
     assert {run.info.status for run in found} == {"FINISHED"}
+    assert {run.data.tags["data_md5"] for run in found} == {"0123456789abcdef0123456789abcdef"}
 
 
 def test_a_dvc_experiment_is_told_from_another_by_name_and_tag(store: Path, monkeypatch: pytest.MonkeyPatch) -> None:

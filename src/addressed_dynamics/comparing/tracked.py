@@ -9,6 +9,7 @@ import numpy as np
 
 from addressed_dynamics.comparing.versions import EpisodeErrors, Version
 from addressed_dynamics.tracking.kept import KeptRun
+from addressed_dynamics.tracking.parents import DATA_TAG
 
 EVALUATION, EPISODES = "evaluation.json", "episodes.npz"
 """Files that an evaluation keeps with its run."""
@@ -35,7 +36,7 @@ def version_of_run(run: KeptRun, name: str) -> Version:
             errors = EpisodeErrors.of({key: kept[key] for key in kept.files})
     commit = run.tags.get("git_commit", "")
     changed = ", with changes" if run.tags.get("git_dirty") == "true" else ""
-    digest = run.tags.get("data_md5")
+    digest = run.tags.get(DATA_TAG)
     return Version(
         name,
         f"run '{run.name}' of {run.started}, {run.run_id}",

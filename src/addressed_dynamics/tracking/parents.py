@@ -22,6 +22,8 @@ from addressed_dynamics.base.versions import code_version, data_digest, git_comm
 
 PARENT_TAG = "mlflow.parentRunId"
 """By which MLflow nests runs."""
+DATA_TAG = "data_md5"
+"""Tag of a run on data that DVC knows: its digest of them."""
 PIPELINE_TAG = "pipeline"
 """Tag of the run of a pipeline: what it follows from."""
 STAGE = "pipeline"
@@ -118,7 +120,7 @@ def log_params(client: Any, run_id: str, params: Mapping[str, Any]) -> None:
 def _create(client: Any, experiment_id: str, pipeline: Pipeline, tags: Mapping[str, str]) -> str:
     own = {**tags, "stage": STAGE, PIPELINE_TAG: pipeline.key, "mlflow.source.name": "dvc.yaml"}
     if pipeline.data is not None:
-        own["data_md5"] = pipeline.data
+        own[DATA_TAG] = pipeline.data
     created = client.create_run(experiment_id, tags=own, run_name=pipeline.name)
     log_params(client, created.info.run_id, pipeline.params)
     return str(created.info.run_id)

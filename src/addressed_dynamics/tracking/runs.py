@@ -26,7 +26,7 @@ from jaxtyping import Float32
 from addressed_dynamics.base.errors import TrackingError
 from addressed_dynamics.base.files import save_arrays
 from addressed_dynamics.base.versions import code_changed, data_digest, git_commit, output_digests
-from addressed_dynamics.tracking.parents import PARENT_TAG, Parents, Pipeline, log_params, pipeline_of
+from addressed_dynamics.tracking.parents import DATA_TAG, PARENT_TAG, Parents, Pipeline, log_params, pipeline_of
 from addressed_dynamics.tracking.store import (
     Store,
     connect,
@@ -192,7 +192,7 @@ class Run:
         tags = [InputTag("mlflow.data.context", "training")]
         self._client.log_inputs(run_id, datasets=[DatasetInput(dataset, tags)])
         if digest is not None:
-            self._client.set_tag(run_id, "data_md5", digest)
+            self._client.set_tag(run_id, DATA_TAG, digest)
 
     def _log_model(
         self, run_id: str, module: torch.nn.Module, input_example: Float32[np.ndarray, "sample input"], name: str
@@ -326,8 +326,12 @@ def _open(
         store = find_store()
         client, experiment_id = connect(store, experiment)
         parent = None if pipeline is None else _open_parent(store, client, experiment_id, pipeline, tags)
-        nested = tags if parent is None else {**tags, PARENT_TAG: parent}
-        created = client.create_run(experiment_id, tags=dict(nested), run_name=name)
+        own = dict(tags)
+        if parent is not None:
+            own[PARENT_TAG] = parent
+        if pipeline is not None and pipeline.data is not None:
+            own[DATA_TAG] = pipeline.data
+        created = client.create_run(experiment_id, tags=own, run_name=name)
         log_params(client, created.info.run_id, params)
     except Exception as error:  # see Run._attempt
         _warn("could not open a run", error)
