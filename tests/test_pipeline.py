@@ -145,6 +145,7 @@ def test_what_dvc_keeps_of_an_evaluation_can_be_compared(finished: Path, monkeyp
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of what MLflow uses of SQLAlchemy
 def test_the_runs_of_an_experiment_are_nested_below_one_that_has_the_verdict(finished: Path) -> None:
     from mlflow import MlflowClient
 
