@@ -66,6 +66,7 @@ run: $(VENV)/installed
 	@# The experiments side by side: DVC runs the stages of one 'dvc repro' in turn, and most keep one core busy. Each waits for the others' locks, which last seconds.
 	@PATH="$(CURDIR)/$(BIN):$$PATH"; dvc status --quiet || \
 	    dvc stage list --name-only | grep '^report@' | xargs -P $(EXPERIMENTS) -n 1 dvc --wait-for-lock repro
+	@$(BIN)/addressed-dynamics verdicts
 
 # The example is added to what the pipeline runs: named alone, it would take the other experiments' data out of the folder.
 example: $(VENV)/installed

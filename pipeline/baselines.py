@@ -22,7 +22,7 @@ from addressed_dynamics.training.epochs import Epoch, updates_per_epoch
 from addressed_dynamics.training.estimates import seconds_per_update
 from addressed_dynamics.training.losses import reported_loss
 from addressed_dynamics.training.references import reference_costs, reference_networks
-from pipeline.stage import checkpoints_dir, figures_dir, models_dir
+from pipeline.stage import checkpoints_dir, figures_dir, models_dir, tables_dir
 from pipeline.trainings import (
     Stage,
     TrackedJob,
@@ -90,7 +90,8 @@ def train_baselines(
         for name, network in reference_networks(own):
             key = f"{name}/seed-{seeds[0]}"
             with tracking.run(stage=stage.name, experiment=experiment, name=f"{experiment} baseline {name}",
-                              params={"baseline": name}, params_file=stage.params_file) as run:  # fmt: skip
+                              params={"baseline": name}, params_file=stage.params_file,
+                              data=tables_dir(experiment)) as run:  # fmt: skip
                 notes = {"training": key, "params": {}, "mode": "argmax"}
                 save_network(folder / key / "network", SavedNetwork(network, own.features, notes))
                 run.log_output(folder / key / "network")

@@ -29,9 +29,13 @@ def main(call: Call) -> str:
         write_evaluated(found, folder)
         name = f"{experiment} evaluation seed={found.delivered.seed}"
         with tracking.run(stage="evaluate", experiment=experiment, name=name, params=params.model_dump(mode="json"),
-                          params_file=call.params_file) as run:  # fmt: skip
+                          params_file=call.params_file, data=tables_dir(experiment)) as run:  # fmt: skip
             run.log(found.headline, step=0)
             run.log_output(folder)
+            run.log_artifact(folder / "evaluation.json")
+            run.log_arrays(
+                "episodes", {name: each for name, each in found.arrays.items() if name.startswith("paired_")}
+            )
     write_trust(models_dir(experiment), found.calibrated, found.uncalibrated)
     write_starts(models_dir(experiment), found.starts)
     write_delivered(models_dir(experiment), found.delivered)

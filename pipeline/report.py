@@ -4,13 +4,23 @@ import platform
 from datetime import UTC, datetime
 
 from addressed_dynamics import tracking
+from addressed_dynamics.base.files import write_text
 from addressed_dynamics.base.kinds import supplied
 from addressed_dynamics.base.params.experiments import load_experiment
 from addressed_dynamics.base.versions import code_version, output_digests
 from addressed_dynamics.reporting.common.render import FIGURES
 from addressed_dynamics.reporting.common.written import Subject
 from addressed_dynamics.simulators.delivery import ROOMS
-from pipeline.stage import Call, available_cores, evaluation_dir, figures_dir, models_dir, reports_dir, run_stage
+from pipeline.stage import (
+    Call,
+    available_cores,
+    evaluation_dir,
+    figures_dir,
+    models_dir,
+    reports_dir,
+    run_stage,
+    tables_dir,
+)
 
 
 def main(call: Call) -> str:
@@ -23,9 +33,11 @@ def main(call: Call) -> str:
         code_version(), trained, _when_and_where(),
     )  # fmt: skip
     written = supplied("reporting", call.kind).write(subject, target)
+    write_text(target / "verdict.txt", f"{written.verdict}\n")
     with tracking.run(stage="report", experiment=experiment, name=f"{experiment} report", params={},
-                      params_file=call.params_file) as run:  # fmt: skip
+                      params_file=call.params_file, data=tables_dir(experiment)) as run:  # fmt: skip
         run.log(written.headline, step=0)
+        run.conclude(written.verdict, written.headline, trained.values())
         run.log_artifact(target / "report.html")
         run.log_artifact(target / FIGURES, FIGURES)
         if written.model is not None:

@@ -98,6 +98,7 @@ def train_tracked(
                         name=jobs[name].title,
                         params=jobs[name].params,
                         params_file=stage.params_file,
+                        data=tables_dir(stage.experiment),
                     )
                 )
                 runs[name].log_dataset(stage.experiment, tables_dir(stage.experiment))

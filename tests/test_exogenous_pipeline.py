@@ -40,7 +40,7 @@ class NoRun:
     def log(self, *_: object, **__: object) -> None:
         """Leave out what is logged."""
 
-    log_dataset = log_output = log_artifact = log
+    log_dataset = log_output = log_artifact = log_arrays = conclude = log
 
     def log_model(self, model: torch.nn.Module, example: np.ndarray, _: str) -> None:
         """Check that the example is one: two frames of two states, an action and the wind."""

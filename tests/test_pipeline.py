@@ -16,6 +16,9 @@ from ruamel.yaml import YAML
 from stage_dependencies import ROOT, first_party
 
 from addressed_dynamics.base.params.experiments import load_experiment, load_recipes
+from addressed_dynamics.cli.verdicts import verdict_lines
+from addressed_dynamics.comparing.comparison import compare
+from addressed_dynamics.comparing.revisions import find_revision, version_of
 
 
 @pytest.mark.parametrize("experiment", KINDS)
@@ -69,7 +72,12 @@ def dependencies(stage: str, kind: str) -> set[str]:
     return {dep for dep in named if dep.startswith(("src/", "pipeline/"))}
 
 
-UNSEEN = {"pipeline/__init__.py", "src/addressed_dynamics/__init__.py", "src/addressed_dynamics/tracking.py"}
+TRACKING = ("__init__", "parents", "runs", "store", "ui", "views")
+UNSEEN = {
+    "pipeline/__init__.py",
+    "src/addressed_dynamics/__init__.py",
+    *(f"src/addressed_dynamics/tracking/{name}.py" for name in TRACKING),
+}
 """What no stage depends on: the front door, and what is said to MLflow, which no output shows."""
 
 
@@ -121,6 +129,37 @@ def test_the_pipeline_ends_in_a_report_metrics_and_tracked_runs(finished: Path) 
     for title, (plot,) in plots.items():
         assert "DVC_METRIC" not in json.dumps(plot), title
         assert len(plot["content"]["data"]["values"]) > 1, title
+
+
+@pytest.mark.slow
+def test_what_dvc_keeps_of_an_evaluation_can_be_compared(finished: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(finished)
+    revision = find_revision(finished, "workspace")
+    assert revision is not None
+    assert {"evaluation.json", "arrays.npz"} <= set(revision.listing("data/evaluation/mountaincar"))
+    found = version_of(revision, "mountaincar")
+    assert found.notes == ()
+    assert found.errors is not None
+    assert found.errors.scale is not None
+    assert compare(found, found).errors[0].said in {"the same", "no interval"}
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of what MLflow uses of SQLAlchemy
+def test_the_runs_of_an_experiment_are_nested_below_one_that_has_the_verdict(finished: Path) -> None:
+    from mlflow import MlflowClient
+
+    client = MlflowClient(f"sqlite:///{finished / '.mlflow' / 'mlflow.db'}")
+    runs = client.search_runs([client.get_experiment_by_name("mountaincar").experiment_id])
+    (above,) = (run for run in runs if run.data.tags["stage"] == "pipeline")
+    below = [run for run in runs if run is not above]
+    assert {run.data.tags["mlflow.parentRunId"] for run in below} == {above.info.run_id}
+    assert {run.data.tags["stage"] for run in below} == {
+        "train_ensemble", "train_addressing", "train_baselines", "evaluate", "report",
+    }  # fmt: skip
+    verdict = (finished / "data" / "reports" / "mountaincar" / "verdict.txt").read_text(encoding="utf-8").strip()
+    assert above.data.tags["mlflow.note.content"].startswith(verdict)
+    assert any(line.startswith(f"mountaincar: {verdict}") for line in verdict_lines(finished / "params.yaml"))
 
 
 @pytest.mark.slow

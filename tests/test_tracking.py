@@ -1,6 +1,7 @@
 import json
 import logging
 import os
+import shutil
 import signal
 import socket
 import subprocess
@@ -17,6 +18,7 @@ from addressed_dynamics.base.errors import TrackingError
 from addressed_dynamics.base.versions import output_digests
 from addressed_dynamics.reporting.common.blocks import Facts
 from addressed_dynamics.reporting.common.runs import run_blocks
+from addressed_dynamics.tracking.ui import opening_on
 
 LOCK = """
 schema: '2.0'
@@ -307,10 +309,179 @@ def test_looking_for_runs_in_a_broken_store_costs_a_warning_and_finds_none(
     assert len([record for record in caplog.records if record.name == tracking.__name__]) == 1
 
 
+def test_a_copied_project_keeps_its_runs_and_writes_nothing_into_the_first_ones_store(
+    project: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (project / "first.txt").write_text("of the first project")
+    with tracking.run(stage="s", experiment="moves", name="first", params={}) as first:
+        first.log_artifact(project / "first.txt")
+    copy = tmp_path_factory.mktemp("a copy") / "project"
+    shutil.copytree(project, copy)
+    before = {path: path.stat().st_mtime_ns for path in (project / ".mlflow").rglob("*")}
+    monkeypatch.chdir(copy)
+    (copy / "second.txt").write_text("of the copy")
+    with tracking.run(stage="s", experiment="moves", name="second", params={}) as second:
+        second.log_artifact(copy / "second.txt")
+    with tracking.run(stage="s", experiment="another", name="third", params={}) as third:
+        third.log_artifact(copy / "second.txt")
+    assert {path: path.stat().st_mtime_ns for path in (project / ".mlflow").rglob("*")} == before
+    kept = {path.relative_to(copy / ".mlflow" / "artifacts").as_posix() for path in copy.rglob("artifacts/*/*.txt")}
+    kept |= {path.relative_to(copy / ".mlflow" / "artifacts").as_posix() for path in copy.rglob("artifacts/*.txt")}
+    assert kept == {
+        f"moves/{first.id}/artifacts/first.txt",
+        f"moves/{second.id}/artifacts/second.txt",
+        f"another/{third.id}/artifacts/second.txt",
+    }
+    # Of the copy's own, the first run's file is found where it is now.
+    assert client(copy).list_artifacts(str(first.id))[0].path == "first.txt"
+    assert client(copy).get_run(str(first.id)).info.artifact_uri.startswith((copy / ".mlflow").as_uri())
+
+
+PARAMS = """
+experiments:
+  NAME: {kind: transitions, raw: data/raw/car}
+NAME:
+  title: A car
+  ensemble: {epochs: EPOCHS}
+"""
+
+
+def write_params(root: Path, experiment: str, epochs: int = 3) -> None:
+    (root / "params.yaml").write_text(PARAMS.replace("NAME", experiment).replace("EPOCHS", str(epochs)))
+
+
+def log_stage(experiment: str, name: str, **figures: float) -> tracking.Run:
+    with tracking.run(
+        stage=name, experiment=experiment, name=f"car {name}", params={}, params_file=Path("params.yaml"),
+        data=Path("data/tables/car"),
+    ) as run:  # fmt: skip
+        run.log(figures, step=0)
+    return run
+
+
+def runs_of(root: Path, experiment: str) -> dict[str, Any]:
+    server = client(root)
+    found = server.search_runs([server.get_experiment_by_name(experiment).experiment_id])
+    return {run.info.run_name: run for run in found}
+
+
+def test_stages_on_the_same_data_and_params_are_nested_below_one_run_of_the_pipeline(store: Path) -> None:
+    write_params(store, "nests")
+    (store / "dvc.lock").write_text(LOCK.replace("mountaincar", "car"))
+    log_stage("nests", "train_ensemble")
+    log_stage("nests", "evaluate", **{"loss/test": 0.5})
+    write_params(store, "nests", 4)
+    (store / "dvc.lock").write_text(LOCK.replace("mountaincar", "car"))
+    log_stage("nests", "train_ensemble")
+    server = client(store)
+    found = server.search_runs([server.get_experiment_by_name("nests").experiment_id], order_by=["start_time ASC"])
+    above = {run.info.run_id: run.data for run in found if run.data.tags["stage"] == "pipeline"}
+    below = [
+        (run.data.tags["stage"], run.data.tags["mlflow.parentRunId"]) for run in found if run.info.run_id not in above
+    ]
+    first, second = above
+    assert sorted(below) == sorted([("train_ensemble", first), ("evaluate", first), ("train_ensemble", second)])
+    assert [each.params["ensemble.epochs"] for each in above.values()] == ["3", "4"]
+    assert all(each.params["ensemble.batch_size"] for each in above.values())
+    assert {run.info.status for run in found} == {"FINISHED"}
+    assert {run.data.tags["data_md5"] for run in found} == {"0123456789abcdef0123456789abcdef"}
+
+
+def test_a_dvc_experiment_is_told_from_another_by_name_and_tag(store: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_params(store, "labels")
+    for label in ("pale-hare", "ruby-fern"):
+        monkeypatch.setenv("DVC_EXP_NAME", label)
+        log_stage("labels", "evaluate")
+    kept = runs_of(store, "labels")
+    assert {name: run.data.tags["dvc_experiment"] for name, run in kept.items()} == {
+        "labels pale-hare": "pale-hare", "car evaluate (pale-hare)": "pale-hare",
+        "labels ruby-fern": "ruby-fern", "car evaluate (ruby-fern)": "ruby-fern",
+    }  # fmt: skip
+    state = json.loads(json.loads(experiment_tags(store, "labels")["mlflow.sharedViewState.overview"])["state"])
+    assert "tags.`dvc_experiment`" in state["selectedColumns"]
+
+
+def test_a_stage_that_fails_leaves_the_run_of_the_pipeline_failed_until_the_next_one(store: Path) -> None:
+    write_params(store, "breaks")
+
+    def fail() -> None:
+        with tracking.run(
+            stage="evaluate", experiment="breaks", name="n", params={}, params_file=Path("params.yaml"), data=store
+        ):
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fail()
+    (above,) = (run for run in runs_of(store, "breaks").values() if run.data.tags["stage"] == "pipeline")
+    assert above.info.status == "FAILED"
+    with tracking.run(
+        stage="evaluate", experiment="breaks", name="again", params={}, params_file=Path("params.yaml"), data=store
+    ):
+        assert client(store).get_run(above.info.run_id).info.status == "RUNNING"
+    assert client(store).get_run(above.info.run_id).info.status == "FINISHED"
+
+
+def experiment_tags(root: Path, experiment: str) -> dict[str, str]:
+    return dict(client(root).get_experiment_by_name(experiment).tags)
+
+
+def test_the_verdict_describes_the_run_of_the_pipeline_and_the_experiment(store: Path) -> None:
+    write_params(store, "concludes")
+    digest = write_output(store / "seed-0")
+    with tracking.run(stage="train_ensemble", experiment="concludes", name="trained alone", params={}) as trained:
+        trained.log_output(store / "seed-0")
+    with tracking.run(
+        stage="report", experiment="concludes", name="n", params={}, params_file=Path("params.yaml"), data=store
+    ) as run:
+        run.conclude("It is good.", {"loss/test": 0.25}, [digest])
+    (above,) = (each for each in runs_of(store, "concludes").values() if each.data.tags["stage"] == "pipeline")
+    assert above.data.metrics["loss/test"] == 0.25
+    assert above.data.tags["mlflow.note.content"] == (
+        "It is good.\n\nTrained in an earlier run of the pipeline:\n\n"
+        f"- [trained alone](#/experiments/{above.info.experiment_id}/runs/{trained.id}?workflowType=machine_learning)"
+    )
+    note = experiment_tags(store, "concludes")["mlflow.note.content"]
+    assert note.startswith("It is good.\n\n[Runs with losses and parameters](#/experiments/")
+    assert "127.0.0.1" not in note
+
+
+def test_a_description_that_somebody_wrote_stays(store: Path) -> None:
+    with tracking.run(stage="s", experiment="noted", name="n", params={}):
+        pass
+    server, mine = client(store), "the car with the worn tyres"
+    server.set_experiment_tag(server.get_experiment_by_name("noted").experiment_id, "mlflow.note.content", mine)
+    with tracking.run(stage="report", experiment="noted", name="n", params={}) as run:
+        run.conclude("It is good.", {})
+    assert experiment_tags(store, "noted")["mlflow.note.content"] == mine
+
+
+def test_what_falls_by_powers_of_ten_is_drawn_on_a_logarithmic_scale(store: Path) -> None:
+    with tracking.run(stage="s", experiment="curves", name="n", params={}):
+        pass
+    view = json.loads(experiment_tags(store, "curves")["mlflow.sharedViewState.overview"])
+    scales = {each["metricKey"]: each["scaleType"] for each in json.loads(view["state"])["compareRunCharts"]}
+    assert scales["loss/validation"] == "log"
+    assert scales["agreement"] == "linear"
+
+
+def test_the_first_page_opens_on_the_saved_view_of_an_experiment() -> None:
+    page = opening_on("<html><head><title>MLflow</title></head></html>", "7")
+    assert page.startswith("<html><head><script>")
+    assert page.endswith("<title>MLflow</title></head></html>")
+    assert '"#/experiments/7/runs?workflowType=machine_learning&viewStateShareKey=overview"' in page
+    assert "#/experiments/7" not in opening_on("<head></head>", None)
+
+
 def test_a_password_of_the_server_does_not_get_into_links(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MLFLOW_TRACKING_URI", "https://user:secret@runs.example:8443/mlflow/")
     link = tracking.run_link(tracking.RunReference("r", "7", "n"))
     assert link.startswith("https://runs.example:8443/mlflow/#/experiments/7/runs/r")
+
+
+def free_port() -> int:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return int(free.getsockname()[1])
 
 
 @pytest.mark.usefixtures("project")
@@ -329,6 +500,13 @@ def test_the_ui_says_when_its_port_is_taken(project: Path) -> None:
             tracking.serve_ui(other.getsockname()[1])
 
 
+def test_the_ui_of_a_broken_store_says_so(project: Path) -> None:
+    (project / ".mlflow").mkdir()
+    (project / ".mlflow" / "mlflow.db").write_bytes(b"this is no database" * 1000)
+    with pytest.raises(TrackingError, match="cannot be opened"):
+        tracking.serve_ui(free_port())
+
+
 def test_the_ui_of_a_server_is_on_that_server(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MLFLOW_TRACKING_URI", "http://runs.example")
     with pytest.raises(TrackingError, match=r"open http://runs\.example in a browser"):
@@ -340,9 +518,7 @@ def test_the_ui_of_a_server_is_on_that_server(monkeypatch: pytest.MonkeyPatch) -
 def test_the_ui_serves_the_store_until_it_is_interrupted() -> None:
     with tracking.run(stage="s", experiment="served", name="n", params={}):
         pass
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+    port = free_port()
     program = f"from addressed_dynamics import tracking; tracking.serve_ui({port})"
     server = subprocess.Popen(
         [sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True

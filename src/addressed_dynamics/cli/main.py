@@ -27,6 +27,7 @@ from addressed_dynamics.cli.new import (
 from addressed_dynamics.cli.params_view import params_lines
 from addressed_dynamics.cli.source_keys import source_keys
 from addressed_dynamics.cli.terminal import file_view, folder_view
+from addressed_dynamics.cli.verdicts import verdict_lines
 from addressed_dynamics.importing.finding import check_there, find_logs
 from addressed_dynamics.importing.proposing import Wishes
 from addressed_dynamics.logs import RecoveryReport, recover_log
@@ -229,6 +230,48 @@ def export(
     shapes = ", ".join(f"{each} ({', '.join(shape)})" for each, shape in done.inputs.items())
     print(f"{done.path}: {shapes}; B is the batch")
     print(f"for {done.rows:,} inputs it differs from predict by at most {done.difference:.1e} of the range")
+
+
+@app.command()
+def compare(
+    first: Annotated[
+        str,
+        typer.Argument(metavar="A", help="A commit, branch, tag or DVC experiment, 'workspace', or a run in MLflow."),
+    ],
+    second: Annotated[str, typer.Argument(metavar="B", help="What it is compared with.")] = "workspace",
+    experiment: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="Only this experiment; repeat it for several.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")] = False,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="FILE", help="Write it as one HTML file, too.")
+    ] = None,
+) -> None:
+    """Say what differs between two versions of experiments: params, data, code and figures, with intervals."""
+    from addressed_dynamics.cli.compare_view import comparison_view
+    from addressed_dynamics.comparing.asking import compare_all
+    from addressed_dynamics.comparing.page import write_page
+
+    found = compare_all(first, second, experiment or ())
+    if output is not None:
+        write_page(found, output)
+    if as_json:
+        print(json.dumps({"comparisons": [each.to_json() for each in found]}, indent=2))
+        return
+    console = _console()
+    for each in found:
+        console.print(comparison_view(each, console.width), crop=False)
+    if output is not None:
+        print(f"all of it is in {output}")
+
+
+@app.command()
+def verdicts(
+    file: Annotated[Path, typer.Option("--params", help="The params file.")] = Path("params.yaml"),
+) -> None:
+    """Print what was found of each experiment and where its report is, one line each."""
+    for line in verdict_lines(file):
+        print(line)
 
 
 @app.command()

@@ -124,7 +124,7 @@ def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int
     }
     untrained = untrained_ensemble(model.features.inputs, model.features.outputs, recipe, seed=first)
     arrays = figure_arrays(model, untrained, points["test"], truth, predicted["ensemble/argmax"], loss)
-    arrays |= paired.arrays()
+    arrays |= paired.arrays() | {"paired_scale": np.array(model.features.scale)}
     if pair := load_pair(models / "baselines"):
         network, seed = pair
         two = recipe.model_copy(update={"members": network.members})

@@ -1,4 +1,4 @@
-"""Runs in MLflow: the only file that imports mlflow.
+"""Runs while they are open, and how they are found again.
 
 Tracking must never kill training. Whatever fails while a run is open (no server, a broken store, a full disk) becomes
 one warning, and from then on the run keeps nothing; the same figures are in `data/figures` in any case.
@@ -7,73 +7,50 @@ one warning, and from then on the run keeps nothing; the same figures are in `da
 from __future__ import annotations
 
 import getpass
-import importlib
 import json
 import logging
 import os
-import socket
-import sys
+import tempfile
 import time
-import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn, final
-from urllib.parse import urlsplit, urlunsplit
+from typing import TYPE_CHECKING, Any, final
+from urllib.parse import urlsplit
 
 import numpy as np
-from filelock import FileLock
 from jaxtyping import Float32
 
 from addressed_dynamics.base.errors import TrackingError
-from addressed_dynamics.base.versions import code_changed, data_digest, git_commit, output_digests, project_root
-from addressed_dynamics.base.versions import code_version as code_version  # for stages that look for it here
+from addressed_dynamics.base.files import save_arrays
+from addressed_dynamics.base.versions import code_changed, data_digest, git_commit, output_digests
+from addressed_dynamics.tracking.parents import DATA_TAG, PARENT_TAG, Parents, Pipeline, log_params, pipeline_of
+from addressed_dynamics.tracking.store import (
+    Store,
+    connect,
+    current_store,
+    find_store,
+    locked,
+    no_foreign_warnings,
+    open_client,
+    ui_base,
+)
+from addressed_dynamics.tracking.views import run_path, verdict_tags
 
 if TYPE_CHECKING:
     import torch
 
-UI_PORT = 5000
-"""Port on which `serve_ui` listens unless told otherwise, and which links in reports name."""
-
 OUTPUT_TAG = "output"
 """Tag of a finished run: the digests of what it made, with spaces between them, see `output_digests`."""
 
-OVERVIEW_COLUMNS = (
-    "tags.`stage`",
-    "params.`seed`",
-    "params.`variant`",
-    "params.`baseline`",
-    "metrics.`loss/train`",
-    "metrics.`loss/validation`",
-    "metrics.`loss/selected`",
-    "metrics.`agreement`",
-    "metrics.`regret/mean`",
-)
-"""Columns of the runs table in the saved view `overview`; MLflow itself shows no metric at first."""
-
-_VIEW = "overview"
-_WORKFLOW = "?workflowType=machine_learning"  # or the UI shows its pages for language models
 _FLUSH_COUNT = 500  # a request to MLflow takes at most 1,000 metrics
 _FLUSH_SECONDS = 5.0  # so that the curves of a long training grow while one watches
-_LOCK_SECONDS = 60.0
 
-# Read by mlflow when it is imported or at its first request. Without the short retries a server that is down blocks a
-# stage for 246 s; what the user has set stays.
-_ENVIRONMENT = {
-    "DO_NOT_TRACK": "true",
-    "GIT_PYTHON_REFRESH": "quiet",
-    "MLFLOW_DISABLE_TELEMETRY": "true",
-    "MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR": "false",
-    "MLFLOW_HTTP_REQUEST_BACKOFF_FACTOR": "1",
-    "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "1",
-    "MLFLOW_HTTP_REQUEST_TIMEOUT": "10",
-    "MLFLOW_LOGGING_LEVEL": "WARNING",
-}
-
-_log = logging.getLogger(__name__)
+_log = logging.getLogger("addressed_dynamics.tracking")
 _log.setLevel(logging.WARNING)  # its own, because some of what mlflow imports silences the root logger
+_parents = Parents()
 
 
 @final
@@ -93,9 +70,10 @@ class RunReference:
 class Run:
     """A run while it is open; after the first failure it takes everything and keeps nothing."""
 
-    def __init__(self, client: Any, reference: RunReference | None) -> None:
+    def __init__(self, client: Any, reference: RunReference | None, parent: str | None = None) -> None:
         self._client = client
         self._reference = reference
+        self._parent = parent
         self._works = reference is not None
         self._buffer: list[Any] = []
         self._digests: dict[str, None] = {}  # a set that keeps the order
@@ -108,7 +86,7 @@ class Run:
 
     @property
     def url(self) -> str | None:
-        """The run's page in the UI; None if it could not be opened."""
+        """The run's page in the UI, see `run_link`; None if it could not be opened."""
         return run_link(self._reference) if self._reference else None
 
     def log(self, metrics: Mapping[str, float], step: int) -> None:
@@ -137,6 +115,17 @@ class Run:
         send = "log_artifacts" if path.is_dir() else "log_artifact"
         self._attempt(str(path), lambda run_id: getattr(self._client, send)(run_id, str(path), folder))
 
+    def log_arrays(self, name: str, arrays: Mapping[str, np.ndarray]) -> None:
+        """Keep named arrays with the run, in a file `<name>.npz` among its artifacts; nothing if there are none."""
+        if arrays:
+            self._attempt(name, lambda run_id: self._log_arrays(run_id, name, arrays))
+
+    def _log_arrays(self, run_id: str, name: str, arrays: Mapping[str, np.ndarray]) -> None:
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / f"{name}.npz"
+            save_arrays(file, dict(arrays))
+            self._client.log_artifact(run_id, str(file))
+
     def log_dataset(self, name: str, path: Path, digest: str | None = None) -> None:
         """Say which data the run used; `digest` is by default what DVC has for `path`, see `data_digest`."""
         digest = digest or data_digest(path)
@@ -161,6 +150,34 @@ class Run:
         """
         self._attempt(f"the digest of {folder}", lambda _: self._take_digests(folder), give_up=False)
 
+    def conclude(self, verdict: str, figures: Mapping[str, float], outputs: Iterable[str] = ()) -> None:
+        """Describe the pipeline's run, or this one without it, and the experiment by what was found.
+
+        Args:
+            verdict: in a sentence or two.
+            figures: those that a table of runs should show.
+            outputs: digests of what it rests on; those of runs below another run of the pipeline are linked to.
+        """
+        self._attempt("the verdict", lambda run_id: self._conclude(run_id, verdict, figures, outputs), give_up=False)
+
+    def _conclude(self, run_id: str, verdict: str, figures: Mapping[str, float], outputs: Iterable[str]) -> None:
+        from mlflow.entities import Metric
+
+        experiment = self._client.get_experiment(self._client.get_run(run_id).info.experiment_id)
+        above, now = self._parent or run_id, int(time.time() * 1000)
+        self._client.log_batch(above, metrics=[Metric(key, float(value), now, 0) for key, value in figures.items()])
+        made = _finished_runs(find_store(), experiment.name, outputs).values()
+        # A training of several outputs is found by each of them.
+        elsewhere = {
+            run.info.run_id: run.info.run_name for run in made if run.data.tags.get(PARENT_TAG) != self._parent
+        }
+        links = [f"- [{name}]({run_path(experiment.experiment_id, key)})" for key, name in elsewhere.items()]
+        before = ["", "Trained in an earlier run of the pipeline:", "", *links] if links else []
+        note = "\n".join([verdict, *before])
+        self._client.set_tag(above, "mlflow.note.content", note)
+        for key, value in verdict_tags(experiment.experiment_id, experiment.tags, verdict).items():
+            self._client.set_experiment_tag(experiment.experiment_id, key, value)
+
     def _take_digests(self, folder: Path) -> None:
         digests = output_digests(folder).values()
         if not digests:
@@ -175,7 +192,7 @@ class Run:
         tags = [InputTag("mlflow.data.context", "training")]
         self._client.log_inputs(run_id, datasets=[DatasetInput(dataset, tags)])
         if digest is not None:
-            self._client.set_tag(run_id, "data_md5", digest)
+            self._client.set_tag(run_id, DATA_TAG, digest)
 
     def _log_model(
         self, run_id: str, module: torch.nn.Module, input_example: Float32[np.ndarray, "sample input"], name: str
@@ -190,7 +207,7 @@ class Run:
         # the active ones, and ends the run.
         experiment_id = self._client.get_run(run_id).info.experiment_id
         model = self._client.create_logged_model(experiment_id, name=name, source_run_id=run_id)
-        with _current_store(self._client.tracking_uri):
+        with current_store(self._client.tracking_uri):
             Model.log(
                 artifact_path=None,
                 flavor=mlflow.pytorch,
@@ -208,7 +225,7 @@ class Run:
         if not self._works or self._reference is None:
             return
         try:
-            with _no_foreign_warnings():
+            with no_foreign_warnings():
                 action(self._reference.run_id)
         except Exception as error:  # MLflow, its database driver and its HTTP client each raise their own kinds
             self._works = not give_up
@@ -222,8 +239,10 @@ class Run:
             tag = " ".join(self._digests)
             self._attempt("the digests", lambda run_id: self._client.set_tag(run_id, OUTPUT_TAG, tag))
         try:
-            with _no_foreign_warnings():
+            with no_foreign_warnings():
                 self._client.set_terminated(self._reference.run_id, status)
+                if self._parent is not None:
+                    _parents.close(self._client, self._parent, status)
         except Exception as error:  # see _attempt
             if self._works:
                 _warn("could not close the run", error)
@@ -237,6 +256,7 @@ def run(
     name: str,
     params: Mapping[str, Any],
     params_file: Path | None = None,
+    data: Path | None = None,
     tags: Mapping[str, str] | None = None,
 ) -> Iterator[Run]:
     """Open a run, and close it as finished, failed (an exception) or killed (Ctrl-C and what is no `Exception`).
@@ -249,13 +269,16 @@ def run(
         name: what tells this run from others at a glance, for instance `mountaincar ensemble n=2 lr=1e-4 seed=0`.
         params: what the run depends on; nested mappings are flattened to dotted keys.
         params_file: the params file they come from.
+        data: the tables that the pipeline's run is on; with them and the params file, the run is nested below that of
+            the pipeline, see `parents`.
         tags: further tags.
     """
     all_tags = {"stage": stage, "experiment": experiment, **_provenance(stage), **(tags or {})}
     if params_file is not None:
         all_tags["params_file"] = params_file.as_posix()
-    with _no_foreign_warnings():
-        opened = _open(experiment, name, params, all_tags)
+    with no_foreign_warnings():
+        pipeline = None if params_file is None or data is None else pipeline_of(experiment, params_file, data)
+        opened = _open(experiment, _labelled(name), params, all_tags, pipeline)
     try:
         yield opened
     except Exception:
@@ -279,168 +302,70 @@ def find_runs(experiment: str, digests: Iterable[str]) -> dict[str, RunReference
     Returns:
         The runs by digest; nothing, and a warning, if the store cannot be read.
     """
-    store = _store()
-    if store.folder is not None and not (store.folder / "mlflow.db").exists():
+    store = find_store()
+    if not store.is_there:
         return {}
     try:
-        with _no_foreign_warnings():
-            _prepare_mlflow()
-            return _finished_runs(store.uri, experiment, digests)
+        with no_foreign_warnings():
+            return {digest: _reference(run) for digest, run in _finished_runs(store, experiment, digests).items()}
     except Exception as error:  # see Run._attempt
         _warn(f"could not look for the runs of {experiment}", error)
         return {}
 
 
 def run_link(reference: RunReference) -> str:
-    """Return the address of a run's page: on the server of MLFLOW_TRACKING_URI, else where `serve_ui` shows it."""
-    return f"{_ui_base()}/#/experiments/{reference.experiment_id}/runs/{reference.run_id}{_WORKFLOW}"
+    """Return where a run's page is: an address on a server, else what follows the host and port of `serve_ui`."""
+    path, store = run_path(reference.experiment_id, reference.run_id), find_store()
+    return f"{ui_base(store)}/{path}" if urlsplit(store.uri).scheme in {"http", "https"} else path
 
 
-def experiment_link(experiment_id: str) -> str:
-    """Return the address of an experiment's runs table with the columns of the saved view."""
-    return f"{_ui_base()}/#/experiments/{experiment_id}/runs{_WORKFLOW}&viewStateShareKey={_VIEW}"
-
-
-def serve_ui(port: int = UI_PORT) -> NoReturn:
-    """Become the MLflow UI on 127.0.0.1, on the store that the stages write to; Ctrl-C ends it.
-
-    Raises:
-        TrackingError: there is no store yet, it lies on a server that has its own UI, or the port is taken.
-    """
-    store = _store()
-    if urlsplit(store.uri).scheme in {"http", "https"}:
-        message = f"the runs are on the server of MLFLOW_TRACKING_URI: open {_ui_base()} in a browser"
-        raise TrackingError(message)
-    if store.folder is not None and not (store.folder / "mlflow.db").exists():
-        message = f"{store.folder}: there are no runs yet; 'make run' or 'dvc repro' makes them"
-        raise TrackingError(message)
-    _check_port(port)
-    command = [sys.executable, "-m", "mlflow", "server", "--host", "127.0.0.1", "--port", str(port), "--workers", "1"]
-    if store.folder is not None:
-        command += ["--default-artifact-root", (store.folder / "artifacts").as_uri()]
-    # Without the job runner the UI starts in a third of the time and takes a quarter of the memory.
-    environment = {**_ENVIRONMENT, **os.environ, "MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"}
-    environment["MLFLOW_BACKEND_STORE_URI"] = store.uri  # not an option: a list of processes shows those
-    # In place of this process, so that Ctrl-C and a signal from outside reach the server itself and leave no orphan.
-    os.execve(sys.executable, command, environment)
-
-
-@dataclass(frozen=True)
-class _Store:
-    uri: str
-    folder: Path | None
-    """Where the store lies if it is this project's own; None if MLFLOW_TRACKING_URI names another."""
-
-
-def _store() -> _Store:
-    if uri := os.environ.get("MLFLOW_TRACKING_URI"):
-        return _Store(uri, None)
-    folder = project_root() / ".mlflow"
-    return _Store(f"sqlite:///{folder / 'mlflow.db'}", folder)
-
-
-def _ui_base() -> str:
-    address = urlsplit(_store().uri)
-    if address.scheme not in {"http", "https"}:
-        return f"http://127.0.0.1:{UI_PORT}"
-    # A password in MLFLOW_TRACKING_URI must not end up in a report.
-    host = address.netloc.rpartition("@")[2]
-    return urlunsplit((address.scheme, host, address.path.rstrip("/"), "", ""))
-
-
-def _open(experiment: str, name: str, params: Mapping[str, Any], tags: Mapping[str, str]) -> Run:
+def _open(
+    experiment: str, name: str, params: Mapping[str, Any], tags: Mapping[str, str], pipeline: Pipeline | None
+) -> Run:
     try:
-        _prepare_mlflow()
-        store = _store()
-        if store.folder is None:
-            client, experiment_id = _connect(store, experiment)
-        else:
-            store.folder.mkdir(parents=True, exist_ok=True)
-            # Three first users at once would each create the tables, and two of them fail.
-            with FileLock(store.folder / "store.lock", timeout=_LOCK_SECONDS):
-                client, experiment_id = _connect(store, experiment)
-        reference = _create_run(client, experiment_id, name, params, tags)
+        store = find_store()
+        client, experiment_id = connect(store, experiment)
+        parent = None if pipeline is None else _open_parent(store, client, experiment_id, pipeline, tags)
+        own = dict(tags)
+        if parent is not None:
+            own[PARENT_TAG] = parent
+        if pipeline is not None and pipeline.data is not None:
+            own[DATA_TAG] = pipeline.data
+        created = client.create_run(experiment_id, tags=own, run_name=name)
+        log_params(client, created.info.run_id, params)
     except Exception as error:  # see Run._attempt
         _warn("could not open a run", error)
         return Run(None, None)
-    return Run(client, reference)
+    return Run(client, RunReference(created.info.run_id, experiment_id, name), parent)
 
 
-def _prepare_mlflow() -> None:
-    for key, value in _ENVIRONMENT.items():
-        os.environ.setdefault(key, value)
-    importlib.import_module("mlflow")
-    # The first use of a store reports every table it creates.
-    logging.getLogger("alembic").setLevel(logging.WARNING)
+def _open_parent(store: Store, client: Any, experiment_id: str, pipeline: Pipeline, tags: Mapping[str, str]) -> str:
+    # Two stages at once would each make one.
+    with nullcontext() if store.folder is None else locked(store.folder):
+        return _parents.open(client, experiment_id, pipeline, tags)
 
 
-def _connect(store: _Store, experiment: str) -> tuple[Any, str]:
-    from mlflow import MlflowClient
-
-    client = MlflowClient(store.uri)
-    found = client.get_experiment_by_name(experiment)
-    if found is not None:
-        return client, found.experiment_id
-    artifacts = None if store.folder is None else (store.folder / "artifacts" / experiment).as_uri()
-    experiment_id = client.create_experiment(experiment, artifact_location=artifacts)
-    for key, value in _experiment_tags(experiment_id).items():
-        client.set_experiment_tag(experiment_id, key, value)
-    return client, experiment_id
+def _reference(run: Any) -> RunReference:
+    return RunReference(run.info.run_id, run.info.experiment_id, run.info.run_name)
 
 
-def _experiment_tags(experiment_id: str) -> dict[str, str]:
-    """Return the tags that make the runs table useful (format read from the UI of MLflow 3.17).
-
-    A saved view is a name, two times and a state, itself JSON in a string; it is shown at an address that ends in
-    `viewStateShareKey=overview`, to which the experiment's description links.
-    """
-    now = int(time.time() * 1000)
-    state = {
-        "selectedColumns": list(OVERVIEW_COLUMNS),
-        "columnOrder": ["attributes.`Run Name`", "runDateAndNestInfo"],
-        "columnWidths": {"attributes.`Run Name`": 330, "runDateAndNestInfo": 130},
-        "orderByKey": "attributes.start_time",
-        "orderByAsc": False,
-    }
-    view = {"name": "Overview", "createdAt": now, "updatedAt": now, "state": json.dumps(state)}
-    return {
-        "mlflow.experimentKind": "custom_model_development",
-        f"mlflow.sharedViewState.{_VIEW}": json.dumps(view),
-        "mlflow.note.content": f"[Runs with losses and parameters]({experiment_link(experiment_id)})",
-    }
-
-
-def _finished_runs(uri: str, experiment: str, digests: Iterable[str]) -> dict[str, RunReference]:
-    from mlflow import MlflowClient
-
-    client = MlflowClient(uri)
+def _finished_runs(store: Store, experiment: str, digests: Iterable[str]) -> dict[str, Any]:
+    client = open_client(store)
     kept = client.get_experiment_by_name(experiment)
     if kept is None:
         return {}
-    found = dict[str, RunReference]()
+    found = dict[str, Any]()
     for digest in digests:
         wanted = f"attributes.status = 'FINISHED' and tags.{OUTPUT_TAG} LIKE '%{digest}%'"
         for run in client.search_runs([kept.experiment_id], wanted, max_results=1, order_by=["start_time DESC"]):
-            found[digest] = RunReference(run.info.run_id, kept.experiment_id, run.info.run_name)
+            found[digest] = run
     return found
 
 
-def _create_run(
-    client: Any, experiment_id: str, name: str, params: Mapping[str, Any], tags: Mapping[str, str]
-) -> RunReference:
-    from mlflow.entities import Param
-
-    created = client.create_run(experiment_id, tags=dict(tags), run_name=name)
-    client.log_batch(created.info.run_id, params=[Param(key, value) for key, value in _flatten(params)])
-    return RunReference(created.info.run_id, experiment_id, name)
-
-
-def _flatten(params: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
-    for key, value in params.items():
-        if isinstance(value, Mapping):
-            yield from _flatten(value, f"{prefix}{key}.")
-        else:
-            yield f"{prefix}{key}", value if isinstance(value, str) else json.dumps(value)
+def _labelled(name: str) -> str:
+    """Return a run's name with that of the DVC experiment, which tells it from the same run of another one."""
+    label = os.environ.get("DVC_EXP_NAME")
+    return f"{name} ({label})" if label else name
 
 
 def _provenance(stage: str) -> dict[str, str]:
@@ -456,40 +381,6 @@ def _provenance(stage: str) -> dict[str, str]:
         tags |= {"git_commit": commit, "mlflow.source.git.commit": commit}
         tags["git_dirty"] = "true" if code_changed() else "false"
     return tags
-
-
-def _check_port(port: int) -> None:
-    with socket.socket() as probe:
-        # As the server itself does: a port whose last connections are still closing is free.
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind(("127.0.0.1", port))
-        except (OSError, OverflowError) as error:
-            message = f"port {port} of 127.0.0.1 cannot be used ({error}); choose another one"
-            raise TrackingError(message) from error
-
-
-@contextmanager
-def _current_store(uri: str) -> Iterator[None]:
-    """Make `uri` the store of MLflow's global functions, without its side effect on the environment."""
-    import mlflow
-
-    before = os.environ.get("MLFLOW_TRACKING_URI")
-    mlflow.set_tracking_uri(uri)
-    try:
-        yield
-    finally:
-        os.environ.pop("MLFLOW_TRACKING_URI", None)
-        if before is not None:
-            os.environ["MLFLOW_TRACKING_URI"] = before
-
-
-@contextmanager
-def _no_foreign_warnings() -> Iterator[None]:
-    """Ignore warnings: what MLflow uses that other libraries deprecate is no concern of a stage, nor of its tests."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        yield
 
 
 def _warn(what: str, error: Exception) -> None:

@@ -1,0 +1,41 @@
+"""What was found of each experiment, as its report begins."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from addressed_dynamics.base.errors import ParamsError
+from addressed_dynamics.base.params.experiments import parse_params
+
+REPORTS = Path("data") / "reports"
+"""Folder of the reports, beside the params file."""
+
+
+def verdict_lines(params_file: Path) -> Iterator[str]:
+    """Yield the verdict of each experiment that the pipeline runs, with the path of its report.
+
+    Raises:
+        ParamsError: the params file is missing or is not YAML, or names no experiments.
+    """
+    names = _experiments(params_file)
+    if not names:
+        message = f"{params_file}: there are no experiments in it; 'addressed-dynamics new NAME LOGS' makes one"
+        raise ParamsError(message)
+    for name in names:
+        folder = params_file.parent / REPORTS / name
+        report, verdict = folder / "report.html", folder / "verdict.txt"
+        if report.is_file() and verdict.is_file():
+            yield f"{name}: {' '.join(verdict.read_text(encoding='utf-8').split())} {report}"
+        else:
+            yield f"{name}: no report yet; 'dvc repro report@{name}' makes it"
+
+
+def _experiments(params_file: Path) -> list[str]:
+    try:
+        text = params_file.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        message = f"{params_file}: the params file cannot be read ({error})"
+        raise ParamsError(message) from error
+    entries = parse_params(params_file, text).get("experiments")
+    return list(entries) if isinstance(entries, dict) else []
