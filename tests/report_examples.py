@@ -37,7 +37,7 @@ def candidate(
     rollout: float,
     spaces: SpaceSpec = CAR,
     *,
-    wall_free: int | None = 3,
+    wall_free: int | None = 30,
     segments: Mapping[str, int] = MappingProxyType({}),
 ) -> dict[str, Any]:
     """A model with these errors, in every dimension; `wall_free` is None where there are no walls.
@@ -70,8 +70,8 @@ def beside(one_step: tuple[float, float], rollout: tuple[float, float], spaces: 
 def rollouts(error: float, spaces: SpaceSpec, wall_free: int | None, segments: Mapping[str, int]) -> dict[str, Any]:
     """Errors of rollouts, with physics where there are segments."""
     spread = {"median": error, "mean": error * 2, "p10": error / 9, "p90": error * 9, "max": error * 20}
-    walls = {} if wall_free is None else {"no_wall": wall_free, "wall": 5 - wall_free}
-    groups = {"all": sum(segments.values()), **segments} if segments else {"all": 5, **walls}
+    walls = {} if wall_free is None else {"no_wall": wall_free, "wall": 50 - wall_free}
+    groups = {"all": sum(segments.values()), **segments} if segments else {"all": 50, **walls}
     bounded = np.isfinite([(each.low, each.high) for each in spaces.observation]).any()
     lost = {"p10": 1.2, "median": 7.25, "p90": None, "never_share": 0.25}
     mechanics = {"lost_seconds": lost, "energy_error": spread, "energy_drift": spread} if segments else None
@@ -138,7 +138,7 @@ def evaluation_json(
 ) -> dict[str, Any]:
     """What evaluate writes, with these one-step and rollout errors of the delivered model and of all others."""
     spaces, members = changes.pop("spaces", CAR), changes.pop("members", 2)
-    unused, wall_free = changes.pop("unused", False), changes.pop("wall_free", 3)
+    unused, wall_free = changes.pop("unused", False), changes.pop("wall_free", 30)
     segments = changes.pop("segments", {})
     walls = wall_free is not None
     oracle = candidate(own[0] / 2, 0.0, spaces)

@@ -10,7 +10,9 @@ if TYPE_CHECKING:
     from addressed_dynamics.planning.mppi import MPPI
     from addressed_dynamics.recording.recorder import TransitionRecorder
     from addressed_dynamics.simulators.addressed import AddressedDynamics
+    from addressed_dynamics.simulators.exporting import export_model
     from addressed_dynamics.simulators.motion import MotionModel
+    from addressed_dynamics.simulators.portable import StepModule
     from addressed_dynamics.sources.motion.source import read_motion
     from addressed_dynamics.sources.transitions.reading import read_transitions
     from addressed_dynamics.training.clustering import assign_to_bins
@@ -21,9 +23,11 @@ __all__ = [
     "AddressedDynamics",
     "Motion",
     "MotionModel",
+    "StepModule",
     "TransitionRecorder",
     "Transitions",
     "assign_to_bins",
+    "export_model",
     "read_motion",
     "read_transitions",
     "write_log",
@@ -35,9 +39,11 @@ _HOMES = {
     "MPPI": "addressed_dynamics.planning.mppi",
     "Motion": "addressed_dynamics.episodes.motion",
     "MotionModel": "addressed_dynamics.simulators.motion",
+    "StepModule": "addressed_dynamics.simulators.portable",
     "TransitionRecorder": "addressed_dynamics.recording.recorder",
     "Transitions": "addressed_dynamics.episodes.transitions",
     "assign_to_bins": "addressed_dynamics.training.clustering",
+    "export_model": "addressed_dynamics.simulators.exporting",
     "read_motion": "addressed_dynamics.sources.motion.source",
     "read_transitions": "addressed_dynamics.sources.transitions.reading",
     "write_log": "addressed_dynamics.logs",

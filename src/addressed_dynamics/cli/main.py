@@ -208,6 +208,30 @@ def trust(
 
 
 @app.command()
+def export(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="An experiment with models, or a model folder.")],
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="The file: NAME.onnx or NAME.pt2.")],
+    file_format: Annotated[
+        str | None, typer.Option("--format", metavar="onnx|pt2", help="Its format; by its name if left out.")
+    ] = None,
+    candidate: Annotated[str | None, typer.Option(help="Which model; the delivered one by default.")] = None,
+    seed: Annotated[int | None, typer.Option(help="Which of its seeds.")] = None,
+    variant: Annotated[str | None, typer.Option(help="Which of its addressing networks.")] = None,
+    mode: Annotated[str | None, typer.Option(help="How it uses its members.")] = None,
+) -> None:
+    """Write the step of a model as one graph, for ONNX Runtime or torch.export, and compare what it gives."""
+    # PyTorch takes seconds to import.
+    from addressed_dynamics.simulators.delivery import find_models
+    from addressed_dynamics.simulators.exporting import export_model
+
+    wanted = output.suffix.removeprefix(".") if file_format is None else file_format
+    done = export_model(find_models(name), output, wanted, candidate=candidate, seed=seed, variant=variant, mode=mode)
+    shapes = ", ".join(f"{each} ({', '.join(shape)})" for each, shape in done.inputs.items())
+    print(f"{done.path}: {shapes}; B is the batch")
+    print(f"for {done.rows:,} inputs it differs from predict by at most {done.difference:.1e} of the range")
+
+
+@app.command()
 def ui(port: Annotated[int, typer.Option(min=1, max=65535, help="Port of the web page.")] = 5000) -> None:
     """Browse the runs in MLflow's user interface until Ctrl-C."""
     # MLflow takes seconds to import, and no other command needs it.

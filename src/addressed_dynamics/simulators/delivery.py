@@ -153,6 +153,24 @@ def _age(folder: Path) -> str:
     return ""
 
 
+def find_models(name: str, models: Path = Path("data/models")) -> Path:
+    """Return the folder that is meant by the name of an experiment with models, or by a folder.
+
+    Raises:
+        ModelError: there is neither.
+    """
+    if len(Path(name).parts) == 1 and (models / name).is_dir():
+        return models / name
+    if Path(name).is_dir():
+        return Path(name)
+    known = ", ".join(sorted(path.name for path in models.iterdir() if path.is_dir())) if models.is_dir() else ""
+    message = (
+        f"there is neither an experiment with models '{name}' nor a folder of that name "
+        f"(experiments with models in {models}: {known or 'none'}); 'dvc repro evaluate@{name}' makes them"
+    )
+    raise ModelError(message)
+
+
 def find_parts(folder: Path, candidate: str | None, seed: int | None, variant: str | None) -> Parts:
     """Return where a model is in a folder of models, the delivered one if nothing is asked for, or in its own folder.
 

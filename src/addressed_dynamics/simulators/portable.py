@@ -1,4 +1,4 @@
-"""A model as one torch module from raw numbers to raw numbers, to be traced and served without this package."""
+"""A model as one torch module from raw numbers to raw numbers: to be exported, traced, served, or differentiated."""
 
 from typing import final
 
@@ -9,32 +9,110 @@ from torch import Tensor, nn
 from addressed_dynamics.base.errors import ModelError
 from addressed_dynamics.episodes.transitions import DiscreteAction
 from addressed_dynamics.networks.addressing import addressing_scores
+from addressed_dynamics.networks.spline import catmull_rom
+from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.simulators.addressed import AddressedDynamics
+from addressed_dynamics.simulators.motion import MotionMode, MotionModel
 
 
 @final
-class PortableDynamics(nn.Module):
+class StepModule(nn.Module):
     """Maps states, actions and exogenous inputs to next states, in the model's own mode of addressing.
 
-    It evaluates every member, and in the mode `argmax` keeps the selected one's output, because a trace must not depend
-    on the data; up to rounding, the result is that of `AddressedDynamics.predict`. It checks nothing.
+    It evaluates every member, and in the mode `argmax` keeps the selected one's output, because a graph must not depend
+    on the data; up to rounding, the result is that of `AddressedDynamics.predict`. It has a gradient with respect to
+    states, continuous actions and exogenous inputs, that of the selected member, and to its weights if they ask for
+    one.
     """
 
     def __init__(self, model: AddressedDynamics) -> None:
         """Take a model apart.
 
         Raises:
-            ModelError: its mode is `sample`, and what is drawn cannot be traced.
+            ModelError: its mode is `sample`, and what is drawn is no function.
         """
         super().__init__()
-        if model.mode == "sample" and model.addressing is not None:
-            message = "a model that draws its members cannot be kept as one module; load it in another mode"
-            raise ModelError(message)
+        _check_mode(model.mode, model.addressing)
         self.mode = model.mode
         self.features = model.features
+        _ = self.features.constants  # made here, for a tracer would make some that are of no use to anybody else
         self.ensemble = model.ensemble
         self.addressing = model.addressing
+
+    def forward(
+        self,
+        observation: Float[Tensor, "sample ..."],
+        action: Tensor,
+        exogenous: Tensor | None = None,
+    ) -> Float[Tensor, "sample observation"]:
+        """Return the next states, (B, d_obs), float32.
+
+        Args:
+            observation: states, (B, d_obs) or, with a history of H > 1 frames, (B, H, d_obs), in the environment's
+                units.
+            action: (B,) or (B, H) integers if the actions are discrete, else (B, d_act) or (B, H, d_act).
+            exogenous: (B, d_exo) or (B, H, d_exo); None if, and only if, the model has none.
+
+        Raises:
+            ModelError: a shape is wrong, or a discrete action does not exist.
+        """
+        x = self.features.encode(observation, action, exogenous)
+        last = observation if self.features.history == 1 else observation[:, -1]
+        return self.features.decode(_output(self.ensemble, self.addressing, self.mode, x), last)
+
+
+@final
+class MotionModule(nn.Module):
+    """Maps the inputs of frames (and phases, if the model has one) to their outputs, in the model's own mode.
+
+    As `StepModule`, it evaluates every member; up to rounding, the result is that of `MotionModel.predict`.
+    """
+
+    def __init__(self, model: MotionModel) -> None:
+        """Take a model apart.
+
+        Raises:
+            ModelError: its mode is `sample`, and what is drawn is no function.
+        """
+        super().__init__()
+        _check_mode(model.mode, model.addressing)
+        self.mode: MotionMode = model.mode
+        self.features = model.features
+        rows = torch.zeros(1, self.features.inputs)
+        self.features.decode(torch.zeros(1, self.features.outputs), rows + self.features.encode(rows))  # as above
+        self.networks = model.networks
+        self.addressing = model.addressing
+
+    def forward(self, x: Float[Tensor, "row 342"], phase: Tensor | None = None) -> Float[Tensor, "row 311"]:
+        """Return outputs, (B, 311).
+
+        Args:
+            x: inputs, (B, 342), in their own units.
+            phase: phases, (B,), in cycles, if the mode is `phase`; else None.
+        """
+        encoded = self.features.encode(x)
+        if self.mode == "phase":
+            assert phase is not None
+            output = self.networks.forward_blended(encoded, catmull_rom(phase))
+        else:
+            output = _output(self.networks, self.addressing, self.mode, encoded)
+        return self.features.decode(output, x)
+
+
+@final
+class PortableDynamics(nn.Module):
+    """The same as `StepModule`, of one table of numbers, for what serves models: a column for each."""
+
+    def __init__(self, model: AddressedDynamics) -> None:
+        """Take a model apart.
+
+        Raises:
+            ModelError: its mode is `sample`, and what is drawn is no function.
+        """
+        super().__init__()
+        self.step = StepModule(model)
         spaces = model.features.spaces
+        self.discrete = isinstance(spaces.action, DiscreteAction)
         actions = 1 if isinstance(spaces.action, DiscreteAction) else len(spaces.action.dimensions)
         self.columns = [len(spaces.observation), actions, len(spaces.exogenous)]
 
@@ -46,19 +124,31 @@ class PortableDynamics(nn.Module):
                 are discrete, (B, d_obs + 1), else one for each of its components, (B, d_obs + d_act); and beside them
                 the exogenous inputs, if there are any. With a history, so many columns for each frame, oldest first.
         """
-        frames = inputs.reshape(-1, self.features.history, sum(self.columns))
+        frames = inputs.reshape(-1, self.step.features.history, sum(self.columns))
+        frames = frames if self.step.features.history > 1 else frames[:, 0]
         observation, action, exogenous = torch.split(frames, self.columns, dim=-1)
-        kind = self.features.spaces.action
-        if isinstance(kind, DiscreteAction):
-            action = (action.round() == torch.arange(kind.count)).to(torch.float32)
-        x = torch.cat([observation, action, exogenous], dim=-1)
-        x = (x - torch.tensor(self.features.input_mean)) / torch.tensor(self.features.input_deviation)
-        x, last = self.features.join(x if self.features.history > 1 else x[:, 0]), observation[:, -1]
-        if self.addressing is None:
-            return self.features.decode(self.ensemble(x)[0], last)
-        weights = torch.softmax(addressing_scores(self.addressing, x), dim=1)
-        if self.mode == "blend":
-            return self.features.decode(self.ensemble.forward_blended(x, weights), last)
-        if self.mode == "argmax":
-            weights = nn.functional.one_hot(weights.argmax(dim=1), self.ensemble.members).to(torch.float32)
-        return self.features.decode((self.ensemble(x) * weights.T.unsqueeze(-1)).sum(dim=0), last)
+        chosen = action[..., 0].round().long() if self.discrete else action
+        following: Tensor = self.step(observation, chosen, exogenous if self.columns[2] else None)
+        return following
+
+
+def _check_mode(mode: str, addressing: StackedMLP | None) -> None:
+    if mode == "sample" and addressing is not None:
+        message = "a model that draws its members cannot be kept as one module; load it in another mode"
+        raise ModelError(message)
+
+
+def _output(
+    ensemble: StackedMLP, addressing: StackedMLP | None, mode: str, x: Float[Tensor, "sample input"]
+) -> Float[Tensor, "sample output"]:
+    """Return what the members say together, of all of them: without a branch that depends on the data."""
+    if addressing is None:
+        return ensemble.forward_all(x).squeeze(0)
+    weights = torch.softmax(addressing_scores(addressing, x), dim=1)
+    if mode == "blend":
+        return ensemble.forward_blended(x, weights)
+    outputs = ensemble.forward_all(x)
+    if mode == "argmax":
+        selected = weights.argmax(dim=1).reshape(1, -1, 1).expand(1, -1, outputs.shape[2])
+        return outputs.gather(0, selected).squeeze(0)
+    return (outputs * weights.T.unsqueeze(-1)).sum(dim=0)

@@ -5,6 +5,7 @@ import pytest
 import torch
 from builders import CAR
 
+from addressed_dynamics.evaluation.common.bootstrap import ratio_of_medians
 from addressed_dynamics.evaluation.transitions.paired import PairedErrors, paired_errors
 from addressed_dynamics.evaluation.transitions.truth import TrueRollouts
 
@@ -80,6 +81,26 @@ def test_few_episodes_have_no_ratios() -> None:
     found = errors(episodes=4).beside(OWN, CAR.observation_names, (1.0, 1.0))[OTHER]
     nothing = {"one_step": None, "rollouts": None, "dimensions": dict.fromkeys(("position", "velocity"))}
     assert found == nothing
+
+
+def test_few_rollouts_have_no_ratios_whatever_the_number_of_episodes() -> None:
+    found = errors(episodes=19).beside(OWN, CAR.observation_names, (1.0, 1.0))[OTHER]
+    assert found["one_step"] == pytest.approx({"value": 2.0, "low": 2.0, "high": 2.0})
+    assert found["rollouts"] is None
+    assert found["dimensions"] == dict.fromkeys(("position", "velocity"))
+
+
+def test_what_is_drawn_are_episodes_and_not_their_rollouts() -> None:
+    generator = np.random.default_rng(0)
+    own, other = generator.gamma(1.0, 1.0, (2, 6, 1)), generator.gamma(1.0, 1.0, (2, 6, 1))
+    episode = np.arange(6)
+    few = PairedErrors(episode, np.ones(6, np.int64), {OWN: np.ones(6), OTHER: np.ones(6)}, np.repeat(episode, 4), {
+        OWN: np.repeat(own[0], 4, axis=0), OTHER: np.repeat(other[0], 4, axis=0)
+    })  # fmt: skip
+    found = few.beside(OWN, ("position",), (1.0,))[OTHER]["rollouts"]
+    # Four equal rollouts of each episode tell as much as one of each.
+    expected = ratio_of_medians(other[0, :, 0], own[0, :, 0], episode)
+    assert (found["value"], found["low"], found["high"]) == pytest.approx((expected.value, expected.low, expected.high))
 
 
 def test_the_arrays_hold_all_that_the_ratios_are_made_of() -> None:

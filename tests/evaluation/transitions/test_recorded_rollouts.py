@@ -69,7 +69,7 @@ class Perfect:
 
 
 @given(transitions(max_length=12), st.integers(1, 8), st.integers(2, 8), st.integers(0, 2**31 - 1), st.integers(1, 4))
-def test_every_stretch_is_a_piece_of_one_episode_and_none_overlaps_another(
+def test_every_stretch_is_a_piece_of_one_episode_and_overlaps_another_only_where_there_are_few(
     test: Transitions, episodes: int, steps: int, seed: int, history: int
 ) -> None:
     lengths = [rows.stop - rows.start - history + 1 for rows in test.episode_slices()]
@@ -79,7 +79,9 @@ def test_every_stretch_is_a_piece_of_one_episode_and_none_overlaps_another(
         return
     truth = replay(test, episodes, steps, seed, history)
     assert truth.steps == min(steps, max(lengths))
-    number = min(episodes, sum(max(length, 0) // truth.steps for length in lengths))
+    room = [max(length - truth.steps + 1, 0) for length in lengths]
+    apart = sum(max(length, 0) // truth.steps for length in lengths)
+    number = min(episodes, max(apart, min(episodes, sum(room))))
     assert truth.states.shape == (number, truth.steps + 1, len(test.spec.observation))
     assert truth.actions.shape == (number, truth.steps, *test.action.shape[1:])
     assert truth.actions.dtype == test.action.dtype
@@ -97,9 +99,10 @@ def test_every_stretch_is_a_piece_of_one_episode_and_none_overlaps_another(
             and (before == test.observation[row + 1 - history : row + 1]).all()
             and (earlier == test.action[row + 1 - history : row]).all()
         )
-        after = start + truth.steps
-        assert len(set(test.episode[start + 1 - history : after])) == 1
-        np.testing.assert_array_equal(states[1:], test.next_observation[start:after])
+        after = start + 1 if truth.overlapping else start + truth.steps
+        assert len(set(test.episode[start + 1 - history : start + truth.steps])) == 1
+        np.testing.assert_array_equal(states[1:], test.next_observation[start : start + truth.steps])
+    assert not truth.overlapping or apart < min(episodes, 20)
 
 
 def test_the_same_seed_takes_the_same_stretches_and_another_takes_others() -> None:
@@ -110,7 +113,7 @@ def test_the_same_seed_takes_the_same_stretches_and_another_takes_others() -> No
 
 def test_every_stretch_knows_its_episode_also_of_some_of_them() -> None:
     test = random_transitions(CAR, [25, 4, 12], np.random.default_rng(0))
-    truth, numbers = replay(test, episodes=9), list(dict.fromkeys(test.episode.tolist()))
+    truth, numbers = replay(test, episodes=3), list(dict.fromkeys(test.episode.tolist()))
     assert truth.episode.tolist() == [numbers[0], numbers[0], numbers[2]]
     assert truth.select([2, 0]).episode.tolist() == [numbers[2], numbers[0]]
     for states, episode in zip(truth.states, truth.episode, strict=True):
@@ -118,9 +121,40 @@ def test_every_stretch_knows_its_episode_also_of_some_of_them() -> None:
 
 
 def test_all_stretches_are_taken_in_order_where_there_are_no_more_than_asked_for() -> None:
-    test = car_transitions([25, 9, 10])
+    test = car_transitions([205, 9, 10])
     truth = replay(test, episodes=100, steps=10)
-    np.testing.assert_array_equal(truth.states[:, 0], test.observation[[0, 10, 34]])
+    np.testing.assert_array_equal(truth.states[:, 0], test.observation[[*range(0, 200, 10), 214]])
+    assert not truth.overlapping
+
+
+def test_where_fewer_than_twenty_stretches_are_apart_as_many_more_begin_in_each_episode_at_equal_distances() -> None:
+    test = car_transitions([28, 9, 10, 14])
+    truth = replay(test, episodes=100, steps=10)
+    # 19, none, 1 and 5 rows in which a stretch can begin: with 14, 0, 1 and 5 of them there are twenty.
+    first = np.rint(np.linspace(0, 18, 14)).astype(int)
+    np.testing.assert_array_equal(truth.states[:, 0], test.observation[[*first, 37, *range(47, 52)]])
+    assert truth.overlapping
+    assert np.unique(truth.episode, return_counts=True)[1].tolist() == [14, 1, 5]
+    groups = summarise_rollouts(np.ones((20, 10, 2)), truth.states[:, 1:], truth, test.spec.observation)["groups"]
+    assert (groups["all"]["episodes"], groups["all"]["rollouts"]) == (3, 20)
+
+
+def test_an_episode_with_many_stretches_keeps_them_where_others_begin_more_often() -> None:
+    test = car_transitions([150, 30, 30])
+    truth = replay(test, episodes=100, steps=10)
+    starts = [*range(0, 150, 10), 150, 160, 170, 180, 190, 200]
+    assert not truth.overlapping
+    np.testing.assert_array_equal(truth.states[:, 0], test.observation[starts])
+    truth = replay(car_transitions([150, 20, 20]), episodes=100, steps=10)
+    assert np.unique(truth.episode, return_counts=True)[1].tolist() == [15, 3, 3]
+    assert truth.overlapping
+
+
+def test_no_more_stretches_begin_than_are_asked_for_and_all_do_where_those_are_few() -> None:
+    assert len(replay(car_transitions([100]), episodes=7, steps=10).states) == 7
+    assert not replay(car_transitions([100]), episodes=7, steps=10).overlapping
+    few = replay(car_transitions([12, 11]), episodes=40, steps=10)
+    np.testing.assert_array_equal(few.states[:, 0], car_transitions([12, 11]).observation[[0, 1, 2, 12, 13]])
 
 
 def test_stretches_are_as_long_as_the_longest_episode_where_none_is_as_long_as_asked_for() -> None:
@@ -159,7 +193,7 @@ def test_all_stretches_become_shorter_only_if_no_episode_is_long_enough() -> Non
 
 
 def test_a_segment_may_have_the_name_of_a_group() -> None:
-    truth = replay(car_transitions([20, 20]), segments=("all", "wall"))
+    truth = replay(car_transitions([20, 20]), episodes=4, segments=("all", "wall"))
     assert {name: members.tolist().count(True) for name, members in truth.groups.items()} == {
         "all": 4, "segment_all": 2, "wall": 2
     }  # fmt: skip
@@ -177,11 +211,11 @@ def test_episodes_of_one_step_cannot_be_rolled_out(lengths: list[int]) -> None:
 @settings(max_examples=30)
 @given(space_specs(max_size=6), st.integers(0, 2**31 - 1), st.integers(1, 3))
 def test_a_perfect_model_has_no_error_whatever_the_spaces(spec: SpaceSpec, seed: int, history: int) -> None:
-    truth = replay(moderate(spec, [14, 32], seed), history=history)
+    truth = replay(moderate(spec, [14, 32], seed), episodes=4, history=history)
     squared, predicted = rollout_errors(Perfect(truth), truth, "argmax")  # type: ignore[arg-type] # all that is used
     summary = summarise_rollouts(squared, predicted, truth, spec.observation)["groups"]
     assert list(summary) == ["all"]
-    assert summary["all"]["episodes"] == 4
+    assert (summary["all"]["episodes"], summary["all"]["rollouts"]) == (2, 4)
     assert all(spread["max"] == 0.0 for spread in summary["all"]["mse"].values())
 
 
@@ -222,7 +256,8 @@ def test_short_rollouts_have_a_table_of_errors_against_the_horizon_too(steps: in
     world = swing((300, 310))
     model = untrained_model(world)
     truth = replay(world, steps=steps)
-    _, rows = evaluate_rollouts("ensemble/argmax", predicted(model, truth), truth, world.spec, physics=False)
+    found, scale = predicted(model, truth), np.array(model.features.scale)
+    _, rows = evaluate_rollouts("ensemble/argmax", found, truth, world.spec, scale, physics=False)
     assert [row["horizon"] for row in rows] == list(horizons)
     assert all(left["horizon"] < right["horizon"] for left, right in pairwise(rows))
 

@@ -170,12 +170,15 @@ def test_a_rollout_that_diverges_counts_as_a_large_finite_error(value: float) ->
 
 def test_the_error_at_a_horizon_is_that_of_the_state_after_so_many_steps() -> None:
     values = {name: np.random.default_rng(index).random((12, 150)) for index, name in enumerate(("push", "pull"))}
-    rows = against_horizon(values, truth())
+    assert all(row["push_p10"] is row["push_p90"] is None for row in against_horizon(values, truth()))
+    values, many = {name: np.tile(each, (7, 1)) for name, each in values.items()}, truth().select([*range(12)] * 7)
+    assert min(int(members.sum()) for members in many.groups.values()) >= 20
+    rows = against_horizon(values, many)
     assert [(row["group"], row["horizon"]) for row in rows] == [
         (group, horizon) for group in ("all", "no_wall", "wall") for horizon in range(7, 151, 7)
     ]
     for row in rows:
-        at = {name: each[truth().groups[row["group"]], row["horizon"] - 1] for name, each in values.items()}
+        at = {name: each[many.groups[row["group"]], row["horizon"] - 1] for name, each in values.items()}
         assert row["push_p50"] == pytest.approx(np.median(at["push"]), rel=1e-4)
         assert row["pull_p90"] == pytest.approx(np.quantile(at["pull"], 0.9), rel=1e-4)
         assert row["pull_p10"] == pytest.approx(np.quantile(at["pull"], 0.1), rel=1e-4)

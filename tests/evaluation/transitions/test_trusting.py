@@ -14,18 +14,18 @@ from addressed_dynamics.evaluation.transitions.trust_records import TrustRecord
 from addressed_dynamics.evaluation.transitions.trusting import (
     WINDOW,
     Pair,
+    half_widths,
     judge_trust,
-    median_course,
     pair_of,
     window_starts,
 )
-from addressed_dynamics.evaluation.transitions.truth import TrueRollouts
+from addressed_dynamics.evaluation.transitions.truth import TrueRollouts, replay_recorded
 from addressed_dynamics.networks.files import SavedNetwork, save_network
 from addressed_dynamics.simulators.addressed import AddressedDynamics
 from addressed_dynamics.simulators.calibrated import write_trust
 from addressed_dynamics.simulators.delivery import Choice, Origin
 from addressed_dynamics.simulators.trusted import TrustFile, find_trust
-from addressed_dynamics.sources.transitions.params import ShiftParams
+from addressed_dynamics.sources.transitions.params import RecordedRollouts, ShiftParams
 
 
 def candidates() -> list[Candidate]:
@@ -117,12 +117,50 @@ def test_windows_are_within_episodes_one_after_the_other():
     assert window_starts(Points.of(drifting(3, 0, length=WINDOW - 1), points.features)).tolist() == []
 
 
-def test_the_median_course_is_of_root_mean_squares():
-    states = np.zeros((3, 3, 2))
-    everyone = {"all": np.ones(3, dtype=bool)}
-    truth = TrueRollouts(states, np.zeros((3, 2, 1)), states[:, :1], np.zeros((3, 0, 1)), everyone)
-    predicted = np.ones((3, 2, 2)) * np.array([1.0, 2.0, 9.0])[:, None, None]
-    assert median_course(predicted, truth, np.array([2.0, 2.0])).tolist() == [1.0, 1.0]
+def replayed(length: int, history: int = 1) -> TrueRollouts:
+    test = drifting(25, 5, length=length)
+    params = RecordedRollouts(kind="recorded", episodes=25, steps=length - history + 1)
+    return replay_recorded(params, test, history, dict.fromkeys(range(25), "alone"))
+
+
+@pytest.mark.parametrize("history", [1, 3])
+def test_intervals_beside_rollouts_are_those_that_a_user_is_given_as_far_as_validation_episodes_reach(history):
+    model, partner, trust = trusted_model(history)
+    pair = Pair(model, Origin("total_parameters", 0), partner, Origin("total_parameters", 1))
+    truth, validation = replayed(40, history), Points.of(drifting(40, 1), model.features)
+    half = half_widths(pair, trust, truth, validation)
+    history_states, actions, _ = truth.given
+    given = model.rollout(history_states, actions, with_trust=True, coverage=0.9)
+    # Up to 30 steps are calibrated.
+    np.testing.assert_allclose(half[:, :30], ((given.high - given.low) / 2)[:, :30], rtol=2e-3)
+    assert np.isinf(half[:, 30:]).all()
+    few = np.concatenate([np.arange(19 * 40), *(np.arange(start, start + 7) for start in range(19 * 40, 1600, 40))])
+    shorter = half_widths(pair, trust, truth, Points.of(drifting(40, 1).select(few), model.features))
+    np.testing.assert_array_equal(shorter[:, : 8 - history], half[:, : 8 - history])
+    # Nineteen episodes last longer, which is one too few.
+    assert np.isinf(shorter[:, 8 - history :]).all()
+
+
+def test_the_horizon_of_trust_ends_where_only_a_few_validation_episodes_go_on():
+    model, partner, trust = trusted_model()
+    pair = Pair(model, Origin("total_parameters", 0), partner, Origin("total_parameters", 1))
+    calm = replace(trust, multiples=1e-3 * trust.multiples)
+    whole = drifting(40, 1)
+    few = np.concatenate([np.arange(19 * 40), *(np.arange(start, start + 7) for start in range(19 * 40, 1600, 40))])
+    steps = []
+    for validation in (whole, whole.select(few)):
+        points = {name: Points.of(each, model.features) for name, each in
+                  (("validation", validation), ("test", drifting(60, 5)))}  # fmt: skip
+        record, _ = judge_trust(pair, calm, points, {}, [], {})
+        steps.append((record["trusted_steps"], record["rollout_steps"]))
+    assert steps == [(30, 30), (7, 7)]
+
+
+def test_too_few_validation_errors_for_an_interval_give_none():
+    model, partner, trust = trusted_model()
+    pair = Pair(model, Origin("total_parameters", 0), partner, Origin("total_parameters", 1))
+    narrow = replace(trust, coverages=(0.2, 0.5), multiples=trust.multiples[:, :2])
+    assert half_widths(pair, narrow, replayed(10), Points.of(drifting(40, 1), model.features)) is None
 
 
 def test_trust_is_read_as_it_was_write_models(tmp_path):

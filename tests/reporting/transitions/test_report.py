@@ -179,7 +179,7 @@ def test_imported_logs_have_a_report_without_walls_the_paper_s_claims_or_a_learn
         assert absent not in text, absent
     for claim in ("the paper, ", "held against the paper", "claim"):
         assert claim not in text, claim
-    assert "5 stretches of 30 steps from held-out episodes" in text
+    assert "50 stretches of 30 steps from held-out episodes" in text
     assert "the params file asks for 50, but no held-out episode is longer" in text
     (rollouts,) = (chart for chart in report.charts if chart.name == "rollout")
     assert {view.choice[1] for view in rollouts.views} == {f"joint_{i}" for i in range(width)}

@@ -8,7 +8,7 @@ from acrobot_recordings import acrobot_spaces
 from report_examples import OTHERS, evaluation, evaluation_json, horizon_rows
 
 from addressed_dynamics.evaluation.transitions.records import Evaluation, RolloutPhysics
-from addressed_dynamics.reporting.common.numbers import scientific
+from addressed_dynamics.reporting.common.numbers import MISSING, scientific
 from addressed_dynamics.reporting.transitions.figures.physics import angles_and_energy
 from addressed_dynamics.reporting.transitions.paper import PAPER
 from addressed_dynamics.reporting.transitions.rollout_tables import energy_table, lost_table, rollout_tables
@@ -29,7 +29,9 @@ def test_rollouts_beside_an_environment_are_told_apart_by_wall_contact_in_one_ta
     (table,) = rollout_tables(evaluation((1e-7, 1e-6)), PAPER["mountaincar"])
     titles = ["Model", "all", "no wall", "wall", "all", "no wall", "wall", "leave the bounds"]
     assert [column.header for column in table.columns] == titles
-    assert table.caption.startswith("Free-running rollouts (5 in all, 3 without and 2 with wall contact): mean squared")
+    assert table.caption.startswith(
+        "Free-running rollouts (50 in all, 30 without and 20 with wall contact): mean squared"
+    )
     assert table.rows[0].cells == ("the paper, one rollout figure", "2.225\u202f×\u202f10⁻⁵", "", "", *(
         "4.859\u202f×\u202f10⁻⁸", "", "", ""
     ))  # fmt: skip
@@ -88,9 +90,29 @@ def test_the_time_to_the_limit_stands_below_what_is_possible_at_best() -> None:
     assert "passes 0.5 rad in free-running rollouts of 15 s" in table.caption
     assert table.groups == (("", 1), ("all (5)", 3), ("learning (3)", 3), ("zero torque (2)", 3))
     first, second, *models = table.rows
-    assert first.cells[:4] == ("simulation simulator/rounding", "7.25", "1.20 to > 15", "25\u202f%")
+    assert first.cells[:4] == ("simulation simulator/rounding", "7.25", MISSING, "25\u202f%")
     assert second.cells[0] == "simulation simulator/twin"
     assert [row.kind for row in models] == ["own", "", "", *["reference"] * len(OTHERS)]
+
+
+def test_percentiles_are_of_twenty_rollouts_or_more() -> None:
+    many = evaluation(spaces=acrobot_spaces(), wall_free=None, segments={"learning": 20, "zero_torque": 19})
+    first = lost_table(many, many.rollouts.physics).rows[0]
+    assert [first.cells[place] for place in (2, 5, 8)] == ["1.20 to > 15", "1.20 to > 15", MISSING]
+    few = "They are fewer than 20: too few for percentiles"
+    assert few in rollout_tables(acrobot()[0], None)[0].caption
+    assert few not in rollout_tables(many, None)[0].caption
+
+
+def test_episodes_and_the_rollouts_that_begin_in_them_are_counted_apart() -> None:
+    values = evaluation_json(spaces=acrobot_spaces(), wall_free=None, segments={"learning": 20})
+    values["candidates"]["ensemble/argmax"]["rollouts"]["groups"]["all"] |= {"episodes": 3, "rollouts": 20}
+    values["rollouts"]["overlapping"] = True
+    found = Evaluation.model_validate(values)
+    caption = rollout_tables(found, None)[0].caption
+    assert "beside 20 stretches of 30 steps from 3 held-out episodes, 20 from learning (from the" in caption
+    assert "so they begin at equal distances and overlap; what is drawn for an interval is episodes" in caption
+    assert "In 20 free-running rollouts of 30 steps beside 3 held-out episodes" in " ".join(findings(found, None))
 
 
 def test_when_the_truth_is_lost_is_among_the_findings() -> None:

@@ -193,7 +193,7 @@ def test_recorded_rollouts_say_nothing_of_walls_and_leave_what_needs_them_open()
     (rollouts,) = (
         sentence for sentence in findings(found, CAR_PAPER) if "rollouts" in sentence and "median MSE" in sentence
     )
-    assert rollouts.startswith("In 5 free-running rollouts of 30 steps beside held-out episodes the median MSE is")
+    assert rollouts.startswith("In 50 free-running rollouts of 30 steps beside held-out episodes the median MSE is")
     assert "wall" not in rollouts
 
 

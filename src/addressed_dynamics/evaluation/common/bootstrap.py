@@ -20,6 +20,8 @@ SEED = 0
 """Where the draws come from: the same for all pairs, so that what is compared is compared on the same episodes."""
 FEWEST_EPISODES = 5
 """With fewer episodes there is no interval: a handful of draws would look surer than they are."""
+FEWEST_ROLLOUTS = 20
+"""With fewer rollouts there are no percentiles but the median, and no model is said to be better than another."""
 
 Errors = Float64[np.ndarray, " part"]
 """Errors of a model in parts of episodes: one for each episode, or for each of its rollouts."""

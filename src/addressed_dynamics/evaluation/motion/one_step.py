@@ -12,6 +12,7 @@ from addressed_dynamics.base.errors import EvaluationError
 from addressed_dynamics.episodes.layout import JOINTS, OUTPUT
 from addressed_dynamics.episodes.motion import Motion
 from addressed_dynamics.evaluation.motion.predictor import MotionPredictor
+from addressed_dynamics.evaluation.motion.unit_errors import UNITS, UnitError, unit_errors
 
 SMALLEST_DEVIATION = 1e-3
 """Errors are divided by no less than this: columns that never change would have infinite errors."""
@@ -55,6 +56,8 @@ class OneStepErrors:
     """The same in units of the deviation of each output."""
     blocks: tuple[BlockError, ...]
     joints: tuple[JointError, ...]
+    units: tuple[UnitError, ...]
+    """What the blocks are off by in cm, cm/s, degrees and so on, each as one would measure it."""
 
 
 def one_step_errors(predictor: MotionPredictor, motion: Motion, deviation: Float[np.ndarray, " 311"]) -> OneStepErrors:
@@ -78,13 +81,17 @@ def one_step_errors(predictor: MotionPredictor, motion: Motion, deviation: Float
         raise EvaluationError(message)
     absolute = np.zeros(OUTPUT.width)
     distances = {"joint_position": np.zeros(len(JOINTS)), "joint_velocity": np.zeros(len(JOINTS))}
+    units = dict.fromkeys(UNITS, 0.0)
     for first in range(0, len(motion), CHUNK_ROWS):
         rows = slice(first, first + CHUNK_ROWS)
-        error = _predicted(predictor, motion, rows) - motion.y[rows].astype(np.float64)
+        predicted, true = _predicted(predictor, motion, rows), motion.y[rows].astype(np.float64)
+        error = predicted - true
         absolute += np.abs(error).sum(axis=0)
         for name, total in distances.items():
             total += np.linalg.norm(error[:, OUTPUT[name]].reshape(len(error), -1, 3), axis=-1).sum(axis=0)
-    return _summary(len(motion), absolute / len(motion), distances, np.asarray(deviation, np.float64))
+        for name, each in unit_errors(predicted, true).items():
+            units[name] += float(each.sum())
+    return _summary(len(motion), absolute / len(motion), distances, units, np.asarray(deviation, np.float64))
 
 
 def block_deviation(y: Float[np.ndarray, "row 311"]) -> Float64[np.ndarray, " 311"]:
@@ -123,6 +130,7 @@ def _summary(
     rows: int,
     raw: Float64[np.ndarray, " 311"],
     distances: dict[str, Float64[np.ndarray, " joint"]],
+    units: dict[str, float],
     deviation: Float64[np.ndarray, " 311"],
 ) -> OneStepErrors:
     normalised = raw / np.maximum(deviation, SMALLEST_DEVIATION)
@@ -146,4 +154,5 @@ def _summary(
                 JOINTS, distances["joint_position"], distances["joint_velocity"], strict=True
             )
         ),
+        units=tuple(UnitError(name, UNITS[name], total / rows) for name, total in units.items()),
     )

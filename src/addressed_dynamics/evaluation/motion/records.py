@@ -35,6 +35,14 @@ class JointError(Record):
     """In cm/frame."""
 
 
+class UnitError(Record):
+    """Mean error of one or two blocks of outputs, as one would measure it: a distance, a speed or an angle."""
+
+    name: str
+    unit: str
+    value: float
+
+
 class OneStep(Record):
     """Errors of one candidate one step ahead, on the frames of one split."""
 
@@ -44,6 +52,8 @@ class OneStep(Record):
     normalised: float
     blocks: tuple[BlockError, ...]
     joints: tuple[JointError, ...]
+    units: tuple[UnitError, ...] = ()
+    """Block by block, in cm, cm/s, degrees and so on; empty in results of earlier versions."""
 
 
 class KindResult(Record):

@@ -209,16 +209,22 @@ def stretches_from(points: Points, starts: Int64[np.ndarray, " stretch"], steps:
 
 
 @torch.no_grad()
-def follow(model: AddressedDynamics, partner: AddressedDynamics, gauge: Gauge, ways: Stretches) -> Followed:
-    """Return the rollouts of a model along stretches, with what was expected of its errors."""
-    expected = partial(gauge.beside, partner)
-    return model.follow(ways.history, ways.actions, ways.exogenous, expected, model.mode)
+def follow(
+    model: AddressedDynamics,
+    partner: AddressedDynamics,
+    gauge: Gauge,
+    history: Tensor,
+    actions: Tensor,
+    exogenous: Tensor,
+) -> Followed:
+    """Return a model's rollouts, with what was expected of its errors; the last three are as in `Stretches`."""
+    return model.follow(history, actions, exogenous, partial(gauge.beside, partner), model.mode)
 
 
-def reachable(points: Points, steps: int) -> int:
-    """Return the longest rollout of at most so many steps that enough episodes have."""
+def reachable(points: Points, steps: int, episodes: int = FEWEST_EPISODES) -> int:
+    """Return the longest rollout of at most so many steps that so many episodes have, or all if there are fewer."""
     lengths = np.sort(np.unique(points.episode, return_counts=True)[1])
-    return int(min(steps, lengths[-FEWEST_EPISODES])) if len(lengths) >= FEWEST_EPISODES else 0
+    return int(min(steps, lengths[-min(episodes, len(lengths))])) if len(lengths) >= FEWEST_EPISODES else 0
 
 
 def _rollout_ratios(
@@ -229,7 +235,7 @@ def _rollout_ratios(
     if longest < STEPS[1]:
         return
     ways = stretches(validation, longest, min(MOST_ROLLOUTS, max(FOLDS, MOST_STEPS // longest)), "trust/rollouts")
-    followed = follow(model, partner, gauge, ways)
+    followed = follow(model, partner, gauge, ways.history, ways.actions, ways.exogenous)
     ratio = ((followed.states - ways.states).double().abs() / followed.scale).nan_to_num(nan=torch.inf).numpy()
     for step in [each for each in STEPS[1:] if each <= longest]:
         there = ways.there[:, step - 1]

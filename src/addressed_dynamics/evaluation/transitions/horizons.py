@@ -26,10 +26,15 @@ def one_step_percent(dimensions: Sequence[Mapping[str, Any]], scale: Float64[np.
     return float(percent_of_range(np.array(means), scale))
 
 
-def steps_until_lost(
-    squared: Float64[np.ndarray, "episode step state"], scale: Float64[np.ndarray, " state"]
-) -> int | None:
-    """Return the steps until the median rollout is lost; None if it never is."""
-    course = np.median(percent_of_range(squared, scale), axis=0)
+def median_course(
+    squared: Float64[np.ndarray, "rollout step state"], scale: Float64[np.ndarray, " state"]
+) -> Float64[np.ndarray, " step"]:
+    """Return the error after each step, in % of the range, of the rollout that is the median there."""
+    course: Float64[np.ndarray, " step"] = np.median(percent_of_range(squared, scale), axis=0)
+    return course
+
+
+def steps_until_lost(course: Float64[np.ndarray, " step"]) -> int | None:
+    """Return the steps until a rollout with such errors, in % of the range, is lost; None if it never is."""
     lost = np.flatnonzero(course >= LOST_PERCENT)
     return int(lost[0]) + 1 if len(lost) else None

@@ -26,12 +26,15 @@ from addressed_dynamics.evaluation.transitions.candidates import (
     load_pair,
     recorded_change,
 )
+from addressed_dynamics.evaluation.transitions.falling import falling
 from addressed_dynamics.evaluation.transitions.hindsight import evaluate_guesses, evaluate_oracle
+from addressed_dynamics.evaluation.transitions.horizons import median_course, percent_of_range
 from addressed_dynamics.evaluation.transitions.noise_floor import noise_floor
 from addressed_dynamics.evaluation.transitions.points import Points
 from addressed_dynamics.evaluation.transitions.recommending import deliver, recommend
 from addressed_dynamics.evaluation.transitions.records import Evaluation
-from addressed_dynamics.evaluation.transitions.rollouts import finite, roll_out, seen_range
+from addressed_dynamics.evaluation.transitions.repeats import repeats
+from addressed_dynamics.evaluation.transitions.rollouts import roll_out, seen_range, squared_errors
 from addressed_dynamics.evaluation.transitions.shifts import record_shifts
 from addressed_dynamics.evaluation.transitions.starting import starts_of
 from addressed_dynamics.evaluation.transitions.suite import (
@@ -43,14 +46,15 @@ from addressed_dynamics.evaluation.transitions.suite import (
     figure_arrays,
     held_out,
     pair_arrays,
+    predicted_states,
 )
 from addressed_dynamics.evaluation.transitions.summary import summarise
-from addressed_dynamics.evaluation.transitions.trusting import ASKED, calibrated, judge_trust, median_course, pair_of
-from addressed_dynamics.evaluation.transitions.truth import true_rollouts
+from addressed_dynamics.evaluation.transitions.trusting import ASKED, calibrated, half_widths, judge_trust, pair_of
+from addressed_dynamics.evaluation.transitions.truth import TrueRollouts, true_rollouts
 from addressed_dynamics.features.transitions.spec import FeatureSpec
 from addressed_dynamics.networks.files import load_network
 from addressed_dynamics.simulators.calibrated import Calibrated
-from addressed_dynamics.simulators.delivery import ENSEMBLE, Choice, Delivered
+from addressed_dynamics.simulators.delivery import ENSEMBLE, Choice, Delivered, Origin
 from addressed_dynamics.sources.transitions.params import EvaluationParams
 from addressed_dynamics.training.ensemble import untrained_ensemble
 from addressed_dynamics.training.losses import reported_loss
@@ -76,9 +80,20 @@ def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int
         *recorded_change(model.features),
     ]
     predicted = roll_out(candidates, truth, cores=cores)
+    validation = Points.of(load_transitions(tables, split="validation"), model.features)
+    found = recommend(candidates, validation, params.rollouts, segments, cores=cores)
+    chosen, name = deliver(params.deliver, Choice(ENSEMBLE, first, delivered[first], "argmax"), found)
+    dimensions, scale = model.features.spaces.observation, np.array(model.features.scale)
+    errors = {
+        key: median_course(squared_errors(predicted[each], truth), scale)
+        for key, each in [("model", name), *((each.partition("/")[0], each) for each in predicted)]
+    }
+    trusted = _trusted(candidates, chosen, points | {"validation": validation}, truth, params, errors)
     results, rollouts, horizon, paired = evaluate_candidates(
-        candidates, points["test"], truth, params.rollouts, loss, predicted, seen_range(points["train"].transitions)
-    )
+        candidates, points["test"], truth, params.rollouts, loss, predicted, seen_range(points["train"].transitions),
+        {} if trusted.half is None else {name: trusted.half},
+    )  # fmt: skip
+    used = {each.name: each for each in candidates}
     other = load_other_recipe(models / "baselines", candidates)
     report = {
         "loss": loss,
@@ -99,18 +114,14 @@ def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int
         "baseline_losses": {split: baseline_losses(candidates, part, loss) for split, part in points.items()},
         "other_recipe": evaluate_other_recipe(other, points) if other else None,
         "noise_floor": noise_floor(points["train"], points["test"], loss),
+        "recommendation": None if found is None else found[0],
+        "choice": {"candidate": name, "why": chosen.why},
+        "trust": trusted.record,
+        "repeats": repeats(points["train"], points["test"], predicted_states(used[name], points["test"])),
+        "falling": falling(
+            percent_of_range(squared_errors(predicted[name], truth), scale), truth.states, dimensions, scale
+        ),
     }
-    validation = Points.of(load_transitions(tables, split="validation"), model.features)
-    found = recommend(candidates, validation, params.rollouts, segments, cores=cores)
-    report["recommendation"] = None if found is None else found[0]
-    chosen, name = deliver(params.deliver, Choice(ENSEMBLE, first, delivered[first], "argmax"), found)
-    report["choice"] = {"candidate": name, "why": chosen.why}
-    errors = {
-        key: median_course(finite(predicted[each]), truth, np.array(model.features.scale))
-        for key, each in [("model", name), *((each.partition("/")[0], each) for each in predicted)]
-    }
-    trusted = _trusted(candidates, chosen, points | {"validation": validation}, params, errors)
-    report["trust"] = trusted.record
     untrained = untrained_ensemble(model.features.inputs, model.features.outputs, recipe, seed=first)
     arrays = figure_arrays(model, untrained, points["test"], truth, predicted["ensemble/argmax"], loss)
     arrays |= paired.arrays()
@@ -121,8 +132,8 @@ def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int
         arrays |= pair_arrays(network, start, points["test"], loss)
     arrays |= trusted.arrays
     features = model.features
-    scale = dict(zip((each.name for each in features.spaces.observation), features.scale, strict=True))
-    summary = summarise(report, horizon, scale, features.spaces.step_seconds)
+    ranges = dict(zip((each.name for each in dimensions), features.scale, strict=True))
+    summary = summarise(report, horizon, ranges, features.spaces.step_seconds)
     further = further_rows(f"{__package__}.measures", candidates, points["test"])
     Evaluation.model_validate(report)
     return Evaluated(
@@ -141,12 +152,15 @@ class _Trusted:
     record: dict[str, Any] | None = None
     """What the delivered one's was found to be worth, for evaluation.json."""
     arrays: Mapping[str, np.ndarray] = field(default_factory=dict)
+    half: Float64[np.ndarray, "rollout step state"] | None = None
+    """Half of the intervals around what the delivered one predicts in the rollouts; None without any."""
 
 
 def _trusted(
     candidates: Sequence[Candidate],
     chosen: Delivered,
     points: Mapping[Split, Points],
+    truth: TrueRollouts,
     params: EvaluationParams,
     errors: Mapping[str, Float64[np.ndarray, " step"]],
 ) -> _Trusted:
@@ -156,6 +170,7 @@ def _trusted(
         candidates: all models.
         chosen: which of them are meant.
         points: by split.
+        truth: the rollouts on test episodes.
         params: which rollouts and shifts.
         errors: of the median rollout against the horizon, of `model`, the delivered one, and of others by name.
     """
@@ -173,7 +188,10 @@ def _trusted(
     shifts = record_shifts(params.shifts, pairs[0].model.features.spaces)
     record, arrays = judge_trust(pairs[0], trusts[0], points, shifts, params.shifts, errors)
     kept = tuple(calibrated(pair, trust) for pair, trust in zip(pairs, trusts, strict=True))
-    return _Trusted(kept, None, record, arrays)
+    own = chosen.choice
+    delivered = pairs[0].origin == Origin(own.candidate, own.seed, own.variant)
+    half = half_widths(pairs[0], trusts[0], truth, points["validation"]) if delivered else None
+    return _Trusted(kept, None, record, arrays, half)
 
 
 def ensemble_recipe(folder: Path, seed: int) -> EnsembleParams:

@@ -11,9 +11,9 @@ import torch
 from jaxtyping import Float, Float32, Float64, Int64
 from torch import Tensor
 
-from addressed_dynamics.evaluation.common.bootstrap import Ratio, ratio_of_medians, ratio_of_sums
+from addressed_dynamics.evaluation.common.bootstrap import FEWEST_ROLLOUTS, Ratio, ratio_of_medians, ratio_of_sums
 from addressed_dynamics.evaluation.transitions.points import Points
-from addressed_dynamics.evaluation.transitions.rollouts import finite
+from addressed_dynamics.evaluation.transitions.rollouts import squared_errors
 from addressed_dynamics.evaluation.transitions.truth import TrueRollouts
 
 
@@ -55,7 +55,7 @@ class PairedErrors:
         Returns:
             By candidate: `one_step`, the ratio of the mean losses; `rollouts`, that of the medians over rollouts of the
             mean squared error in ranges, over all dimensions; `dimensions`, the same of each alone. None where there
-            are too few episodes or nothing to divide by.
+            are too few episodes or rollouts or nothing to divide by.
         """
         return {
             name: {
@@ -72,7 +72,7 @@ class PairedErrors:
     def _of_rollouts(
         self, name: str, own: str, weights: Float64[np.ndarray, " observation"]
     ) -> dict[str, float] | None:
-        if name not in self.rollouts:
+        if name not in self.rollouts or len(self.rollout_episode) < FEWEST_ROLLOUTS:
             return None
         errors, others = (self.rollouts[each] @ weights for each in (name, own))
         return _written(ratio_of_medians(errors, others, self.rollout_episode))
@@ -97,7 +97,7 @@ def paired_errors(
         name: np.bincount(place, weights=each.to(torch.float64).numpy(), minlength=len(episode))
         for name, each in losses.items()
     }
-    errors = {name: ((finite(states) - truth.states[:, 1:]) ** 2).mean(axis=1) for name, states in predicted.items()}
+    errors = {name: squared_errors(states, truth).mean(axis=1) for name, states in predicted.items()}
     own = np.arange(len(truth.states)) if truth.episode is None else truth.episode
     return PairedErrors(episode, samples, sums, own, errors)
 

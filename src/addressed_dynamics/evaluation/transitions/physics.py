@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float64, Int64
 from addressed_dynamics.base.errors import EvaluationError
 from addressed_dynamics.envs import Acrobot, acrobot_energy, acrobot_observation, acrobot_state, acrobot_step
 from addressed_dynamics.episodes.transitions import DiscreteAction, SpaceSpec
+from addressed_dynamics.evaluation.common.bootstrap import FEWEST_ROLLOUTS
 from addressed_dynamics.evaluation.transitions.spreads import spread
 from addressed_dynamics.evaluation.transitions.truth import TrueRollouts
 
@@ -159,13 +160,17 @@ def _time_until(event: Bool[np.ndarray, "episode step"], step_seconds: float) ->
     """Return percentiles of the time until `event`, and the share of episodes in which it never comes.
 
     A percentile is the time of one of the episodes; None where it would lie beyond the end, in an episode without the
-    event.
+    event. Of fewer than `FEWEST_ROLLOUTS` there is only the median.
     """
     never = ~event.any(axis=1)
     ends = np.where(never, np.inf, (event.argmax(axis=1) + 1) * step_seconds)
     shares = {"p10": 0.1, "median": 0.5, "p90": 0.9}
+    known = len(ends) >= FEWEST_ROLLOUTS
     found = {name: float(np.quantile(ends, share, method="inverted_cdf")) for name, share in shares.items()}
     return {
-        **{name: seconds if np.isfinite(seconds) else None for name, seconds in found.items()},
+        **{
+            name: seconds if np.isfinite(seconds) and (known or name == "median") else None
+            for name, seconds in found.items()
+        },
         "never_share": float(never.mean()),
     }

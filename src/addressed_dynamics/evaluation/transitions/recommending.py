@@ -13,11 +13,16 @@ import numpy as np
 from jaxtyping import Float32
 
 from addressed_dynamics.evaluation.transitions.candidates import Candidate, origin_of
-from addressed_dynamics.evaluation.transitions.horizons import one_step_percent, percent_of_range, steps_until_lost
+from addressed_dynamics.evaluation.transitions.horizons import (
+    median_course,
+    one_step_percent,
+    percent_of_range,
+    steps_until_lost,
+)
 from addressed_dynamics.evaluation.transitions.one_step import errors_per_dimension, predict_all
 from addressed_dynamics.evaluation.transitions.points import Points
 from addressed_dynamics.evaluation.transitions.records import ADDRESSED, NOTHING, REFERENCES
-from addressed_dynamics.evaluation.transitions.rollouts import finite, roll_out
+from addressed_dynamics.evaluation.transitions.rollouts import roll_out, squared_errors
 from addressed_dynamics.evaluation.transitions.truth import TrueRollouts, true_rollouts
 from addressed_dynamics.simulators.delivery import Choice, Delivered, Why
 from addressed_dynamics.sources.transitions.params import EnvironmentRollouts, RecordedRollouts
@@ -146,9 +151,9 @@ def _score(
 ) -> Score:
     scale = np.array(points.features.scale)
     one_step = one_step_percent(errors_per_dimension(predict_all(candidate.predictor, points), points), scale)
-    squared = (finite(predicted) - truth.states[:, 1:]) ** 2
+    squared = squared_errors(predicted, truth)
     whole = percent_of_range(squared.mean(axis=1), scale)
-    steps = steps_until_lost(squared, scale) or truth.steps
+    steps = steps_until_lost(median_course(squared, scale)) or truth.steps
     return Score(one_step, float(np.median(whole)), steps * points.features.spaces.step_seconds)
 
 

@@ -9,6 +9,7 @@ from pydantic import model_validator
 
 from addressed_dynamics.base.errors import ReportError
 from addressed_dynamics.base.params.training import AddressingTraining, EnsembleParams
+from addressed_dynamics.evaluation.common.bootstrap import FEWEST_ROLLOUTS
 from addressed_dynamics.evaluation.common.records import BaselineLosses, Dropped, Record, Specialisations
 from addressed_dynamics.evaluation.transitions.trust_records import TrustRecord
 from addressed_dynamics.simulators.delivery import Why
@@ -83,12 +84,13 @@ class OneStepResult(Record):
 
 
 class EpisodeSpread(Record):
-    """Spread of a rollout error over episodes."""
+    """Spread of an error over rollouts."""
 
     median: float
     mean: float
-    p10: float
-    p90: float
+    p10: float | None = None
+    """None, like the next, of fewer rollouts than percentiles take."""
+    p90: float | None = None
     max: float
 
 
@@ -96,7 +98,7 @@ class LostTime(Record):
     """Time until an angle is off by more than the limit, in seconds, over episodes."""
 
     p10: float | None
-    """None, like the next two, if it lies beyond the end of the rollouts."""
+    """None, like the next two, if it lies beyond the end of the rollouts; this and `p90` also of too few rollouts."""
     median: float | None
     p90: float | None
     never_share: float
@@ -114,12 +116,25 @@ class PhysicsResult(Record):
 
 
 class RolloutGroup(Record):
-    """Rollout errors over some of the episodes."""
+    """Errors over some of the rollouts."""
 
     episodes: int
+    """Held-out episodes that they begin in; beside an environment each is one of its own."""
+    rollouts: int | None = None
+    """None in results of earlier versions, in which `episodes` counts them."""
     mse: dict[str, EpisodeSpread | None]
     physics: PhysicsResult | None = None
     """None if it was not asked for, or if there are no episodes."""
+
+    @property
+    def number(self) -> int:
+        """How many rollouts there are."""
+        return self.episodes if self.rollouts is None else self.rollouts
+
+    @property
+    def tells(self) -> bool:
+        """Whether they are enough for percentiles, and for saying that one model is better than another."""
+        return self.number >= FEWEST_ROLLOUTS
 
 
 class Horizon(Record):
@@ -185,6 +200,8 @@ class RatioResult(Record):
 class ErrorAfter(Record):
     """The errors of a candidate after so many steps of its own predictions, over the rollouts on held-out episodes."""
 
+    name: str = ""
+    """What the table of measures calls it."""
     steps: int
     """The last of which is judged alone."""
     rollouts: int
@@ -281,6 +298,8 @@ class RolloutSource(Record):
     """Segments of the recording that have no held-out episode as long, each with the steps of its longest."""
     dropped: Dropped = Dropped()
     """Held-out episodes that are shorter than a rollout with its history."""
+    overlapping: bool = False
+    """Whether they overlap, as they do where fewer than 20 that do not are in the held-out episodes."""
     physics: RolloutPhysics | None
     """None if it was not asked for."""
     exogenous: tuple[str, ...] = ()
@@ -337,6 +356,45 @@ class NoiseFloor(Record):
     """Mean absolute value of the noise in each dimension, in its own unit."""
 
 
+class Repeats(Record):
+    """How many test transitions stand in the training data too, and what the delivered model makes of the others."""
+
+    rows: int
+    """Test transitions that were looked for."""
+    among: int
+    """Training transitions that they were looked for among."""
+    exact: int
+    """Those with exactly the state, the action and the exogenous inputs of one of the training."""
+    alike: int
+    """Those and others that differ from one of the training by the rounding of float32."""
+    percent: float
+    """Root mean square error one step ahead, in % of the range."""
+    percent_without: float | None
+    """The same without those that are alike; None if all are."""
+
+
+class FallingPart(Record):
+    """Some steps in a row of the delivered model's rollouts; errors are medians, in % of the range."""
+
+    first_step: int
+    last_step: int
+    percent: float
+    held_share: float
+    """Share of the true states that stand still or are at a bound."""
+    held_percent: float | None
+    """Error there; None if there are none."""
+    free_percent: float | None
+    """Error in all others."""
+
+
+class Falling(Record):
+    """Why the errors of long rollouts fall."""
+
+    highest: FallingPart
+    """Where they are largest."""
+    end: FallingPart
+
+
 class Evaluation(Record):
     """evaluation.json."""
 
@@ -357,6 +415,10 @@ class Evaluation(Record):
     """None if it was not measured, as in results of earlier versions."""
     noise_floor: NoiseFloor | None = None
     """None if there are too few training transitions, as in results of earlier versions."""
+    repeats: Repeats | None = None
+    """None in results of earlier versions."""
+    falling: Falling | None = None
+    """None if the delivered model's errors do not fall again in long rollouts, and in results of earlier versions."""
     choice: Choice = Choice(candidate=ADDRESSED, why="asked")
     """Earlier versions delivered nothing but the addressed ensemble."""
 

@@ -14,8 +14,16 @@ from jaxtyping import Float32, Float64
 from addressed_dynamics.base.threads import single_thread
 from addressed_dynamics.episodes.transitions import Dimension, SpaceSpec, Transitions
 from addressed_dynamics.evaluation.transitions.candidates import Candidate
+from addressed_dynamics.evaluation.transitions.horizons import percent_of_range
 from addressed_dynamics.evaluation.transitions.physics import ANGLE_LIMIT, acrobot_course, check_recording, simulate
-from addressed_dynamics.evaluation.transitions.spreads import against_horizon, spread
+from addressed_dynamics.evaluation.transitions.spreads import (
+    ERROR,
+    INTERVAL,
+    INTERVAL_OF,
+    against_horizon,
+    spread,
+    with_intervals,
+)
 from addressed_dynamics.evaluation.transitions.truth import TrueRollouts
 from addressed_dynamics.simulators.addressed import AddressedDynamics
 from addressed_dynamics.simulators.modes import Mode
@@ -36,13 +44,10 @@ def free_run(model: AddressedDynamics, truth: TrueRollouts, mode: Mode) -> Float
     Beside the actions it is given the exogenous inputs, if there are any. The same models give the same states, in the
     mode `sample` too.
     """
-    history = truth.history_states.astype(np.float32)
+    history, actions, exogenous = truth.given
     generator = torch.Generator().manual_seed(0)
     with single_thread():
-        if truth.history_states.shape[1] == 1:
-            return model.rollout(history[:, 0], truth.actions, mode, exogenous=truth.exogenous, generator=generator)
-        actions = np.concatenate([truth.history_actions, truth.actions], axis=1)
-        return model.rollout(history, actions, mode, exogenous=truth.exogenous, generator=generator)
+        return model.rollout(history, actions, mode, exogenous=exogenous, generator=generator)
 
 
 def roll_out(
@@ -63,8 +68,10 @@ def evaluate_rollouts(
     predicted: Float32[np.ndarray, "episode step state"],
     truth: TrueRollouts,
     spaces: SpaceSpec,
+    scale: Float64[np.ndarray, " state"],
     *,
     physics: bool,
+    half: Float64[np.ndarray, "episode step state"] | None = None,
 ) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """Return the rollout errors of one candidate, and rows of its error against the horizon.
 
@@ -73,13 +80,23 @@ def evaluate_rollouts(
         predicted: the states that it predicts.
         truth: what really happened.
         spaces: what the states mean.
+        scale: range of each dimension of the state.
         physics: whether the states are those of Acrobot and are to be judged by their angles and energy too.
+        half: half of the intervals around each predicted state, infinite where none is known; None of what has none.
     """
-    return _measured(name, finite(predicted), truth, spaces, physics=physics)
+    summary, rows = _measured(name, finite(predicted), truth, spaces, scale, physics=physics)
+    if half is None:
+        return summary, rows
+    widths = {INTERVAL: percent_of_range(half**2, scale)}
+    widths |= {INTERVAL_OF.format(name): half[..., index] for index, name in enumerate(spaces.observation_names)}
+    return summary, with_intervals(rows, widths, truth)
 
 
 def evaluate_simulations(
-    params: EnvironmentRollouts | RecordedRollouts, truth: TrueRollouts, spaces: SpaceSpec
+    params: EnvironmentRollouts | RecordedRollouts,
+    truth: TrueRollouts,
+    spaces: SpaceSpec,
+    scale: Float64[np.ndarray, " state"],
 ) -> tuple[dict[str, Any] | None, list[dict[str, Any]]]:
     """Return what the true equations of motion make of the rollouts, and rows of this against the horizon.
 
@@ -94,7 +111,7 @@ def evaluate_simulations(
     results: dict[str, Any] = {}
     rows: list[dict[str, Any]] = []
     for simulation in simulate(truth, spaces.step_seconds, params.apart):
-        summary, more = _measured(simulation.name, simulation.states, simulation.reference, spaces, physics=True)
+        summary, more = _measured(simulation.name, simulation.states, simulation.reference, spaces, scale, physics=True)
         results[simulation.name] = {"label": simulation.label, **summary}
         rows += more
     record = {
@@ -112,6 +129,7 @@ def _measured(
     predicted: Float64[np.ndarray, "episode step observation"],
     truth: TrueRollouts,
     spaces: SpaceSpec,
+    scale: Float64[np.ndarray, " state"],
     *,
     physics: bool,
 ) -> tuple[dict[str, Any], list[dict[str, Any]]]:
@@ -123,6 +141,7 @@ def _measured(
         for group, members in truth.groups.items():
             summary["groups"][group]["physics"] = course.summary(members, spaces.step_seconds)
         values |= course.values
+    values[ERROR] = percent_of_range(squared, scale)
     return summary, [{"model": name, **row} for row in against_horizon(values, truth)]
 
 
@@ -159,6 +178,14 @@ def finite(predicted: Float32[np.ndarray, "episode step state"]) -> Float64[np.n
     return bounded
 
 
+def squared_errors(
+    predicted: Float32[np.ndarray, "episode step state"], truth: TrueRollouts
+) -> Float64[np.ndarray, "episode step state"]:
+    """Return the squared errors of predicted states; of those that are not finite, large ones (`finite`)."""
+    errors: Float64[np.ndarray, "episode step state"] = (finite(predicted) - truth.states[:, 1:]) ** 2
+    return errors
+
+
 def summarise_rollouts(
     squared: Float64[np.ndarray, "episode step observation"],
     predicted: Float64[np.ndarray, "episode step observation"],
@@ -172,7 +199,8 @@ def summarise_rollouts(
     per_episode = squared.mean(axis=1)
     groups = {
         name: {
-            "episodes": int(members.sum()),
+            "episodes": int(members.sum()) if truth.episode is None else len(np.unique(truth.episode[members])),
+            "rollouts": int(members.sum()),
             "mse": {
                 dimension.name: spread(per_episode[members, index]) if members.any() else None
                 for index, dimension in enumerate(dimensions)

@@ -14,7 +14,8 @@ from addressed_dynamics.episodes.splits import Split
 from addressed_dynamics.evaluation.common.specialisation import specialisation
 from addressed_dynamics.evaluation.transitions.addressing_table import addressing_table
 from addressed_dynamics.evaluation.transitions.candidates import Candidate, OtherRecipe
-from addressed_dynamics.evaluation.transitions.horizons import one_step_percent, steps_until_lost
+from addressed_dynamics.evaluation.transitions.errors_after import errors_after, moments
+from addressed_dynamics.evaluation.transitions.horizons import median_course, one_step_percent, steps_until_lost
 from addressed_dynamics.evaluation.transitions.one_step import (
     errors_per_dimension,
     predict_all,
@@ -26,8 +27,8 @@ from addressed_dynamics.evaluation.transitions.points import Points
 from addressed_dynamics.evaluation.transitions.rollouts import (
     evaluate_rollouts,
     evaluate_simulations,
-    finite,
     flown_off_share,
+    squared_errors,
 )
 from addressed_dynamics.evaluation.transitions.summary import DELIVERED
 from addressed_dynamics.evaluation.transitions.truth import TrueRollouts
@@ -96,7 +97,7 @@ def measure_horizon(
     predicted: Float32[np.ndarray, "episode step state"], truth: TrueRollouts, features: FeatureSpec
 ) -> dict[str, Any]:
     """Return after how long the median rollout of a candidate is lost, or how long rollouts are if it is not."""
-    steps = steps_until_lost((finite(predicted) - truth.states[:, 1:]) ** 2, np.array(features.scale))
+    steps = steps_until_lost(median_course(squared_errors(predicted, truth), np.array(features.scale)))
     return {"seconds": (steps or truth.steps) * features.spaces.step_seconds, "lost": steps is not None}
 
 
@@ -144,6 +145,7 @@ def evaluate_candidates(
     loss: str,
     predicted: Mapping[str, Float32[np.ndarray, "episode step state"]],
     seen: Float64[np.ndarray, "2 state"],
+    halves: Mapping[str, Float64[np.ndarray, "episode step state"]],
 ) -> tuple[dict[str, Any], dict[str, Any], list[dict[str, Any]], PairedErrors]:
     """Measure all candidates one step ahead and, where they can be rolled out, in free-running rollouts.
 
@@ -155,37 +157,43 @@ def evaluate_candidates(
         loss: `mse` or `mae`.
         predicted: what the candidates predict in their rollouts, by their names (`roll_out`).
         seen: range of the states that they were trained on (`seen_range`).
+        halves: half of the intervals around what is predicted (`half_widths`), of those that have some.
 
     Returns:
         The errors of every candidate by its name; what the rollouts are held against; rows of errors against horizon;
         the errors by episode.
     """
-    physics, horizon = evaluate_simulations(rollouts, truth, points.features.spaces)
+    spaces, scale = points.features.spaces, np.array(points.features.scale)
+    physics, horizon = evaluate_simulations(rollouts, truth, spaces, scale)
+    at = moments(spaces.step_seconds, truth.steps)
     results, losses = dict[str, Any](), dict[str, Tensor]()
     for candidate in candidates:
         states = predicted_states(candidate, points)
         losses[candidate.name] = scaled_losses(states, points, loss)
         results[candidate.name] = _candidate_result(candidate, states, points, loss)
         if candidate.name in predicted:
-            results[candidate.name]["rollouts"], rows = evaluate_rollouts(
-                candidate.name, predicted[candidate.name], truth, points.features.spaces, physics=physics is not None
+            found, half = predicted[candidate.name], halves.get(candidate.name)
+            measured, rows = evaluate_rollouts(
+                candidate.name, found, truth, spaces, scale, physics=physics is not None, half=half
             )
-            results[candidate.name]["rollouts"]["horizon"] = measure_horizon(
-                predicted[candidate.name], truth, points.features
-            )
-            results[candidate.name]["rollouts"]["flown_off_share"] = flown_off_share(predicted[candidate.name], seen)
+            measured["horizon"] = measure_horizon(found, truth, points.features)
+            measured["flown_off_share"] = flown_off_share(found, seen)
+            results[candidate.name] |= {
+                "rollouts": measured,
+                "errors_after": errors_after(at, squared_errors(found, truth), scale, spaces.observation_names, half),
+            }
             horizon += rows
     paired = paired_errors(losses, points, predicted, truth)
-    state = points.features.spaces.observation_names
-    for name, ratios in paired.beside(DELIVERED, state, points.features.scale).items():
+    for name, ratios in paired.beside(DELIVERED, spaces.observation_names, points.features.scale).items():
         results[name]["beside_ensemble"] = ratios
-    names = [dimension.name for dimension in points.features.spaces.exogenous]
+    names = [dimension.name for dimension in spaces.exogenous]
     source = {
         "kind": rollouts.kind,
         "steps": truth.steps,
         "steps_wanted": rollouts.steps,
         "too_short": dict(truth.too_short),
         "dropped": asdict(truth.dropped),
+        **({"overlapping": True} if truth.overlapping else {}),
         "physics": physics,
         **({"exogenous": names} if names else {}),
     }

@@ -81,7 +81,8 @@ class TrustRecord(Record):
     compared_steps: int | None = None
     """Steps in the rollouts in which it was looked for."""
     rollout_steps: int | None = None
-    """Steps in the rollouts that the horizon of trust is of, which have calibrated intervals."""
+    """Steps in the rollouts that the horizon of trust is of: those whose intervals are known from 20 validation
+    episodes, or from all if there are fewer."""
     trusted_steps: int | None = None
     """For how many steps of a rollout the 90 % intervals stay within `trusted_share` of the range."""
     trusted_share: float | None = None

@@ -50,6 +50,8 @@ WINDOW = 20
 BAD = 0.99
 """An error is bad if it is above this quantile of the validation errors."""
 TEST_ROLLOUTS = 400
+FEWEST_KNOWN = 20
+"""Validation episodes, or all if there are fewer, by which intervals are known well enough to be told in figures."""
 CELLS = 24
 """Cells of the map of trust, in each direction."""
 MOST_PLACES = 5
@@ -132,7 +134,7 @@ def judge_trust(
     test, features = looked["test"], pair.model.features
     scale = np.array(features.scale)
     bad = float(np.quantile(looked["validation"].error, BAD))
-    coverage, horizon, steps = _coverage(pair, trust, points["test"], scale)
+    coverage, horizon, steps = _coverage(pair, trust, points, scale)
     record: dict[str, Any] = {
         "model": str(pair.origin),
         "episodes": trust.episodes,
@@ -157,13 +159,32 @@ def judge_trust(
     return record, {"trust_map": trust_map(plane, test.trust, CELLS), "trust_map_edges": map_edges(plane, CELLS)}
 
 
-def median_course(
-    predicted: Float64[np.ndarray, "episode step state"], truth: TrueRollouts, scale: Float64[np.ndarray, " state"]
-) -> Float64[np.ndarray, " step"]:
-    """Return the median over rollouts of the root mean square error, in multiples of the range, after each step."""
-    squared = ((predicted - truth.states[:, 1:]) / scale) ** 2
-    course: Float64[np.ndarray, " step"] = np.median(np.sqrt(squared.mean(axis=-1)), axis=0)
-    return course
+def half_widths(
+    pair: Pair, trust: Trust, truth: TrueRollouts, validation: Points
+) -> Float64[np.ndarray, "rollout step state"] | None:
+    """Return half of the widest intervals of `ASKED` around the states that a model predicts in rollouts.
+
+    They are infinite beyond the steps that were calibrated on `FEWEST_KNOWN` episodes, or on all if there are fewer:
+    the longest episodes are those that come to rest, and say little of others. None if there are too few errors for
+    such intervals.
+
+    Args:
+        pair: the model and the second one.
+        trust: what was calibrated.
+        truth: the rollouts.
+        validation: what it was calibrated on.
+    """
+    if not trust.coverages[0] <= ASKED[-1] <= trust.coverages[-1]:
+        return None
+    half = np.full((len(truth.states), truth.steps, truth.states.shape[2]), np.inf)
+    history, actions, exogenous = truth.given
+    known = actions.shape[1] - truth.steps + reachable(validation, min(truth.steps, trust.steps[-1]), FEWEST_KNOWN)
+    beside = np.empty((*actions.shape[:2], 0), np.float32) if exogenous is None else exogenous
+    given = [torch.from_numpy(each) for each in (history, actions[:, :known], beside[:, :known])]
+    followed = follow(pair.model, pair.partner, trust.gauge, *given)
+    found = trust.half(followed.scale, ASKED[-1]).double().numpy()
+    half[:, : found.shape[1]] = found
+    return half
 
 
 def _plane(points: Points) -> Float64[np.ndarray, "point 2"] | None:
@@ -191,9 +212,10 @@ def _look(pair: Pair, trust: Trust, points: Points) -> _Looked:
 
 
 def _coverage(
-    pair: Pair, trust: Trust, test: Points, scale: Float64[np.ndarray, " dimension"]
+    pair: Pair, trust: Trust, points: Mapping[Split, Points], scale: Float64[np.ndarray, " dimension"]
 ) -> tuple[list[dict[str, Any]], int | None, int | None]:
     """Return how much intervals cover of the test episodes, and the horizon of trust within so many steps."""
+    test = points["test"]
     names = [each.name for each in pair.model.features.spaces.observation]
     rows = []
     error, scales = one_step(pair.model, pair.partner, trust.gauge, test, torch.arange(len(test)))
@@ -206,7 +228,7 @@ def _coverage(
     if longest < 2:
         return rows, None, None
     ways = stretches(test, longest, TEST_ROLLOUTS, "trust/test")
-    followed = follow(pair.model, pair.partner, trust.gauge, ways)
+    followed = follow(pair.model, pair.partner, trust.gauge, ways.history, ways.actions, ways.exogenous)
     truth = ways.states.numpy()
     for steps in [each for each in AHEAD[1:] if each <= longest]:
         there = ways.there[:, steps - 1]
@@ -216,8 +238,9 @@ def _coverage(
             rows.append(_covered(steps, asked, truth[there, steps - 1], low, high, names))
     if ASKED[-1] not in known:
         return rows, None, longest
-    width = 2 * trust.half(followed.scale, ASKED[-1]).double().numpy()
-    return rows, trusted_steps(width, scale, TRUSTED_SHARE), longest
+    steps = reachable(points["validation"], longest, FEWEST_KNOWN)
+    width = 2 * trust.half(followed.scale[:, :steps], ASKED[-1]).double().numpy()
+    return rows, trusted_steps(width, scale, TRUSTED_SHARE), steps
 
 
 def _covered(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import gymnasium
@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float32, Float64, Int64
 import addressed_dynamics.envs  # noqa: F401 - registers the environments that a params file may name
 from addressed_dynamics.base.errors import EvaluationError
 from addressed_dynamics.episodes.transitions import Dimension, Transitions
+from addressed_dynamics.evaluation.common.bootstrap import FEWEST_ROLLOUTS
 from addressed_dynamics.features.common.samples import Dropped
 from addressed_dynamics.features.transitions.windows import shorter_episodes
 from addressed_dynamics.sources.transitions.params import EnvironmentRollouts, RecordedRollouts
@@ -42,24 +43,37 @@ class TrueRollouts:
     episode: Int64[np.ndarray, " episode"] | None = None
     """Held-out episode that each is a stretch of; None beside an environment, where each is an episode of its own."""
 
+    overlapping: bool = False
+    """Whether stretches of the same episode overlap, because fewer than `FEWEST_ROLLOUTS` that do not are there."""
+
     @property
     def steps(self) -> int:
         """Number of steps in each episode, T."""
         return int(self.states.shape[1]) - 1
 
+    @property
+    def given(self) -> tuple[
+        Float32[np.ndarray, "episode ..."],
+        Int64[np.ndarray, "episode time"] | Float32[np.ndarray, "episode time action"],
+        Float32[np.ndarray, "episode time exogenous"] | None,
+    ]:  # fmt: skip
+        """First states, actions and exogenous inputs, as `AddressedDynamics.rollout` takes them."""
+        frames = self.history_states.astype(np.float32)
+        actions = np.concatenate([self.history_actions, self.actions], axis=1)
+        return frames[:, 0] if frames.shape[1] == 1 else frames, actions, self.exogenous
+
     def select(self, episodes: Sequence[int]) -> TrueRollouts:
         """Return some of the episodes, in this order."""
         rows = list(episodes)
-        return TrueRollouts(
-            self.states[rows],
-            self.actions[rows],
-            self.history_states[rows],
-            self.history_actions[rows],
-            {name: members[rows] for name, members in self.groups.items()},
-            self.too_short,
-            self.dropped,
-            None if self.exogenous is None else self.exogenous[rows],
-            None if self.episode is None else self.episode[rows],
+        return replace(
+            self,
+            states=self.states[rows],
+            actions=self.actions[rows],
+            history_states=self.history_states[rows],
+            history_actions=self.history_actions[rows],
+            groups={name: members[rows] for name, members in self.groups.items()},
+            exogenous=None if self.exogenous is None else self.exogenous[rows],
+            episode=None if self.episode is None else self.episode[rows],
         )
 
 
@@ -98,6 +112,9 @@ def replay_recorded(
     rest of it is left out. Among the stretches of a segment, `params.seed` decides; a segment that has too few leaves
     its share to the others. If no episode is as long, the stretches are as long as the longest episode allows.
 
+    Where this gives fewer than `FEWEST_ROLLOUTS`, and fewer than are asked for, more begin in the same episodes,
+    equally spaced and overlapping, in each as many as in any other where there is room (`_starts`).
+
     Raises:
         EvaluationError: no episode has two steps after the history.
     """
@@ -113,11 +130,9 @@ def replay_recorded(
         )
         raise EvaluationError(message)
     steps = min(params.steps, most - history + 1)
-    starts = {
-        start: segment
-        for segment, rows in episodes
-        for start in range(rows.start + history - 1, rows.stop - steps + 1, steps)
-    }
+    room = [(segment, range(rows.start + history - 1, rows.stop - steps + 1)) for segment, rows in episodes]
+    found = _starts([each for _, each in room], steps, min(params.episodes, FEWEST_ROLLOUTS))
+    starts = {start: segment for (segment, _), each in zip(room, found, strict=True) for start in each}
     chosen = _equal_shares(starts, params.episodes, np.random.default_rng(params.seed))
     within = chosen[:, None] + np.arange(steps)
     before = chosen[:, None] + np.arange(1 - history, 0)
@@ -127,6 +142,7 @@ def replay_recorded(
     groups = _segment_groups([starts[start] for start in chosen.tolist()])
     too_short = {segment: length for segment, length in longest.items() if length < steps + history - 1}
     dropped = shorter_episodes(test, steps + history - 1)
+    beside = (np.diff(chosen) < steps) & (np.diff(test.episode[chosen]) == 0)
     return TrueRollouts(
         states,
         test.action[within],
@@ -137,7 +153,41 @@ def replay_recorded(
         dropped,
         exogenous,
         test.episode[chosen],
+        bool(beside.any()),
     )
+
+
+def _starts(room: Sequence[range], steps: int, wanted: int) -> list[list[int]]:
+    """Return where stretches begin in each episode: one after the other if that is enough, else as many as are wanted.
+
+    Where more are wanted, an episode has the smallest number of equally spaced starts with which there are enough, or
+    those of before if they are more; all there are, if that is fewer.
+
+    Args:
+        room: all rows in which a stretch can begin, for each episode.
+        steps: of a stretch.
+        wanted: stretches of all episodes together.
+    """
+    apart = [list(each[::steps]) for each in room]
+    most = sum(map(len, room))
+    if sum(map(len, apart)) >= min(wanted, most):
+        return apart
+    number = next(
+        number
+        for number in range(1, wanted + 1)
+        if sum(max(len(few), min(number, len(each))) for few, each in zip(apart, room, strict=True))
+        >= min(wanted, most)
+    )
+    return [
+        few if len(few) >= min(number, len(each)) else [each[place] for place in _even(len(each), number)]
+        for few, each in zip(apart, room, strict=True)
+    ]
+
+
+def _even(length: int, number: int) -> list[int]:
+    """Return so many equally spaced places in so many, the first and the last among them; all if there are fewer."""
+    places: list[int] = np.rint(np.linspace(0, length - 1, min(number, length))).astype(int).tolist()
+    return places
 
 
 def _equal_shares(

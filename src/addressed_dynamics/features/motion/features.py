@@ -245,7 +245,7 @@ def _base(x: Float[Tensor, "row 342"], target: Target) -> Float[Tensor, "row 311
 
 def _same_trajectory(x: Float[Tensor, "row 342"]) -> Float[Tensor, "row 311"]:
     """Return outputs whose future trajectory, seen from the root, is the given one; 0 in all other columns."""
-    y = x.new_zeros(len(x), OUTPUT.width)
+    y = x.new_zeros(x.shape[0], OUTPUT.width)
     for block in _TRAJECTORY:
         y[:, OUTPUT[block]] = x[:, INPUT[block]][:, NOW:]
     return y

@@ -43,7 +43,7 @@ class Angle:
 
 
 @dataclass(frozen=True)
-class _Constants:
+class Constants:
     """The numbers of a `FeatureSpec` as tensors, float32."""
 
     state_mean: Float[Tensor, " observation"]
@@ -262,7 +262,7 @@ class FeatureSpec:
             output: what a network says.
             observation: the states before the step: of a history, the last frame; each member's own, or one for all.
         """
-        target = torch.addcmul(self._constants.middle, output, self._constants.unit)
+        target = torch.addcmul(self.constants.middle, output, self.constants.unit)
         if self.target == "change":
             every = len(self.predicted) == observation.shape[-1]
             target = target + (observation if every else observation[..., self.predicted])
@@ -277,7 +277,7 @@ class FeatureSpec:
         self, frames: Float[Tensor, "*batch frame"], observation: Float[Tensor, "*batch observation"]
     ) -> Float[Tensor, "*batch frame"]:
         """Return normalised frames with other states (in the environment's units) in the place of theirs."""
-        of = self._constants
+        of = self.constants
         states = (observation - of.state_mean) / of.state_deviation
         return torch.cat([states, frames[..., observation.shape[-1] :]], dim=-1)
 
@@ -411,7 +411,7 @@ class FeatureSpec:
         exogenous: Tensor | None,
     ) -> Float[Tensor, "*batch frame"]:
         """Return states, actions and exogenous inputs as normalised inputs side by side."""
-        batch, of = observation.shape[:-1], self._constants
+        batch, of = observation.shape[:-1], self.constants
         states = (observation.to(torch.float32) - of.state_mean) / of.state_deviation
         known = self.encode_exogenous(exogenous, batch)
         parts = [states, self._encode_action(action, batch)]
@@ -420,7 +420,7 @@ class FeatureSpec:
         return torch.cat(parts, dim=-1)
 
     def _encode_action(self, action: Tensor, batch: tuple[int, ...]) -> Float[Tensor, "*batch action"]:
-        kind, of = self.spaces.action, self._constants
+        kind, of = self.spaces.action, self.constants
         if isinstance(kind, DiscreteAction):
             if action.shape != batch or action.is_floating_point():
                 message = (
@@ -440,7 +440,8 @@ class FeatureSpec:
         return (action.to(torch.float32) - of.action_mean) / of.action_deviation
 
     @cached_property
-    def _constants(self) -> _Constants:
+    def constants(self) -> Constants:
+        """The numbers that samples are encoded and decoded with, as tensors."""
         states, exogenous = len(self.spaces.observation), len(self.spaces.exogenous)
         sizes = [states, len(self.input_mean) - states - exogenous, exogenous]
         # What is made inside of torch.inference_mode could not be used outside of it.
@@ -449,7 +450,7 @@ class FeatureSpec:
                 torch.split(torch.tensor(each), sizes) for each in (self.input_mean, self.input_deviation)
             )
             scale = self.target_scale
-            return _Constants(
+            return Constants(
                 state_mean=mean[0],
                 state_deviation=deviation[0],
                 action_mean=mean[1],
@@ -463,7 +464,7 @@ class FeatureSpec:
 
     @cached_property
     def _arrays(self) -> dict[str, Float32[np.ndarray, " ..."]]:
-        arrays = {name: value.numpy() for name, value in vars(self._constants).items()}
+        arrays = {name: value.numpy() for name, value in vars(self.constants).items()}
         return {**arrays, "frame_weights": self._frame_weights.numpy()}
 
     def _turned(

@@ -25,7 +25,7 @@ from addressed_dynamics.reporting.transitions.one_step import one_step_beside
 from addressed_dynamics.reporting.transitions.overview import overview_table
 from addressed_dynamics.reporting.transitions.paired import paired_table
 from addressed_dynamics.reporting.transitions.paper import PaperFigures
-from addressed_dynamics.reporting.transitions.quality import quality_blocks, warning_paragraphs
+from addressed_dynamics.reporting.transitions.quality import quality_blocks, repeated_words, warning_paragraphs
 from addressed_dynamics.reporting.transitions.recipes import recipes_table
 from addressed_dynamics.reporting.transitions.recorded import BlocksResult
 from addressed_dynamics.reporting.transitions.results import TransitionResults
@@ -147,7 +147,7 @@ def _data_blocks(results: TransitionResults) -> tuple[Block, ...]:
     warnings = warning_paragraphs(data.imported) if data.imported else ()
     figure = curves.learner_returns(results.learner, learners)
     return (
-        Text((" ".join(sentences), *warnings)),
+        Text((" ".join(sentences), *warnings, *repeated_words(results.evaluation.repeats))),
         tables.segment_table(data),
         *([tables.exogenous_table(data)] if data.exogenous else []),
         *([figure] if figure else []),
@@ -261,6 +261,7 @@ def _rollout_blocks(
         mechanics = (physics.angles_and_energy(results.horizon, found),)
         numbers += (rollout_tables.lost_table(evaluation, found), rollout_tables.energy_table(evaluation, found))
     return (
+        *((Text((rollout_tables.falling_words(falls),)),) if (falls := evaluation.falling) else ()),
         episodes.rollouts(results.arrays, dimensions, results.evaluation.rollouts.kind),
         *((film,) if film else ()),
         *mechanics,

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import PurePath
 
+from addressed_dynamics.evaluation.transitions.records import Repeats
 from addressed_dynamics.reporting.common.blocks import Block, Column, Row, Table, Text
-from addressed_dynamics.reporting.common.numbers import MISSING, count, percent, scientific
+from addressed_dynamics.reporting.common.numbers import MISSING, count, percent, scientific, significant
 from addressed_dynamics.reporting.transitions.recorded import DataResult, FindingResult, ImportResult, PlaceResult
 
 FILES_SHOWN = 6
@@ -64,6 +65,24 @@ def warning_paragraphs(imported: ImportResult) -> tuple[str, ...]:
     more = len(lines) - WARNINGS_SHOWN
     rest = (f"{more:,} more are in the import's account, import.json.",) if more > 0 else ()
     return (f"The import ended with {number}.", *lines[:WARNINGS_SHOWN], *rest)
+
+
+def repeated_words(found: Repeats | None) -> tuple[str, ...]:
+    """Say how many test transitions stand in training too, and what errors are without them; empty if unknown."""
+    if found is None or not found.rows:
+        return ()
+    if not found.alike:
+        return (f"None of the {found.rows:,} test transitions begins as one of the {found.among:,} for training does.",)
+    exact, alike = (percent(each / found.rows, 2) for each in (found.exact, found.alike))
+    error = f"its error one step ahead is {significant(found.percent)} % of the range"
+    without = "all of them do, so that it says nothing of others"
+    if found.percent_without is not None:
+        without = f"without them it is {significant(found.percent_without)} %"
+    return (
+        f"Of the {found.rows:,} test transitions, {exact} begin in exactly the state, with the action, of one of the "
+        f"{found.among:,} for training, and {alike} do so up to the rounding of single precision. The delivered model "
+        f"may know them by heart: {error}; {without}.",
+    )
 
 
 def _nothing_found(data: DataResult) -> str:

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
+from addressed_dynamics.evaluation.common.bootstrap import FEWEST_ROLLOUTS
 from addressed_dynamics.evaluation.common.records import Dropped
+from addressed_dynamics.evaluation.transitions.falling import FALLEN
 from addressed_dynamics.evaluation.transitions.physics import ROUNDING, TRUTH, TWIN
 from addressed_dynamics.evaluation.transitions.records import (
     Evaluation,
+    Falling,
     PhysicsResult,
     RolloutGroup,
     RolloutPhysics,
@@ -22,6 +25,9 @@ from addressed_dynamics.reporting.transitions.paper import PaperFigures
 
 MOST_COLUMNS = 8
 """Errors that stand side by side; where there are more, each group of rollouts has a table of its own."""
+
+FEW = f"They are fewer than {FEWEST_ROLLOUTS}: too few for percentiles, or to say that a model is better"
+"""What is said of few rollouts."""
 
 
 def rollout_tables(evaluation: Evaluation, paper: PaperFigures | None) -> tuple[Table, ...]:
@@ -71,6 +77,8 @@ def _rollout_table(evaluation: Evaluation, paper: PaperFigures | None, groups: l
             "; and the share of rollouts that fly off: a predicted state lies outside of the range of the training "
             f"data by more than {FLOWN_WIDTHS:g} times its width, or is no number"
         )
+    few = own is not None and not own.all.tells
+    caption += f". {FEW}" * few
     return Table(f"{caption}.", tuple(columns), tuple(rows))
 
 
@@ -78,19 +86,20 @@ def lost_table(evaluation: Evaluation, physics: RolloutPhysics) -> Table:
     """Return the time until each model has lost the truth, beside what is possible at best."""
     end = evaluation.rollouts.steps * physics.step_seconds
 
-    def cells(result: PhysicsResult) -> list[str]:
+    def cells(result: PhysicsResult, group: RolloutGroup) -> list[str]:
         lost = result.lost_seconds
         low, middle, high = (seconds(each, end) for each in (lost.p10, lost.median, lost.p90))
-        return [middle, low if low == high else f"{low} to {high}", percent(lost.never_share, 0)]
+        spread = low if low == high else f"{low} to {high}"
+        return [middle, spread if group.tells else MISSING, percent(lost.never_share, 0)]
 
     columns = ("median, s", "10% to 90%, s", "never")
     caption = (
         f"Time until the angle error passes {physics.angle_limit:g} rad in free-running rollouts of {end:g} s, of "
-        "whichever angle is off by more: median, 10th and 90th percentile over rollouts, and the share in which it "
-        "never does. Fast swings of a double pendulum are chaotic. What is possible at best is in the first two "
-        "lines: one true simulation beside the recording, from the recorded start, which is kept in single precision; "
-        f"and two true simulations beside each other whose first angles are {scientific(physics.apart, 1)} rad apart "
-        "at the start."
+        f"whichever angle is off by more: median, 10th and 90th percentile over rollouts (of {FEWEST_ROLLOUTS} or "
+        "more), and the share in which it never does. Fast swings of a double pendulum are chaotic. What is possible "
+        "at best is in the first two lines: one true simulation beside the recording, from the recorded start, which "
+        "is kept in single precision; and two true simulations beside each other whose first angles are "
+        f"{scientific(physics.apart, 1)} rad apart at the start."
     )
     simulations = {name: each for name, each in physics.simulations.items() if name != TRUTH}
     return _physics_table(caption, columns, cells, evaluation, simulations)
@@ -100,7 +109,7 @@ def energy_table(evaluation: Evaluation, physics: RolloutPhysics) -> Table:
     """Return how well each model keeps to the true energy."""
     end = evaluation.rollouts.steps * physics.step_seconds
 
-    def cells(result: PhysicsResult) -> list[str]:
+    def cells(result: PhysicsResult, _: RolloutGroup) -> list[str]:
         return [scientific(result.energy_error.median), scientific(result.energy_drift.median)]
 
     caption = (
@@ -118,22 +127,24 @@ def energy_table(evaluation: Evaluation, physics: RolloutPhysics) -> Table:
 def _physics_table(
     caption: str,
     columns: tuple[str, ...],
-    cells: Callable[[PhysicsResult], list[str]],
+    cells: Callable[[PhysicsResult, RolloutGroup], list[str]],
     evaluation: Evaluation,
     simulations: Mapping[str, SimulationResult],
 ) -> Table:
     """Return a table of so many columns for each group; those without episodes are empty."""
     own = evaluation.own.rollouts
     groups = list(own.groups) if own else []
-    titles = [f"{group_title(group)} ({own.groups[group].episodes:,})" for group in groups] if own else []
+    titles = [f"{group_title(group)} ({own.groups[group].number:,})" for group in groups] if own else []
     named: list[tuple[str, RolloutResult, str]] = [(each.label, each, "reference") for each in simulations.values()]
     named += [
         (each.label, each.rollouts, row_kind(name)) for name, each in evaluation.candidates.items() if each.rollouts
     ]
     rows = []
     for label, result, kind in named:
-        found = [result.groups[group].physics for group in groups]
-        inside = [cell for each in found for cell in (cells(each) if each else [MISSING] * len(columns))]
+        found = [result.groups[group] for group in groups]
+        inside = [
+            cell for each in found for cell in (cells(each.physics, each) if each.physics else [MISSING] * len(columns))
+        ]
         rows.append(Row((label, *inside), kind))
     over = titles if len(groups) > 1 else [""]
     heads = (Column("Model", numeric=False), *(Column(column, title) for title in over for column in columns))
@@ -156,6 +167,42 @@ def lost_sentence(evaluation: Evaluation, physics: RolloutPhysics) -> str:
         f"{percent(own.lost_seconds.never_share, 0)} of the rollouts it never is); of two true simulations that start "
         f"{scientific(physics.apart, 1)} rad apart, after {possible}."
     )
+
+
+def falling_words(falls: Falling) -> str:
+    """Say why the errors of long rollouts fall, as far as what was counted says it."""
+    then, end = falls.highest, falls.end
+    steps = f"steps {then.first_step:,} to {then.last_step:,}"
+    what = (
+        f"The median error of the delivered model falls again, from {_error(then.percent)} of the range in {steps} to "
+        f"{_error(end.percent)} in steps {end.first_step:,} to {end.last_step:,}."
+    )
+    now, before = (percent(each.held_share, 0) for each in (end, then))
+    shares = f"{now} of the true states stand still or are at a bound by then ({before} in {steps})"
+    others = f"all others are off by {_error(end.free_percent)} ({_error(then.free_percent)} in {steps})"
+    if not rests(falls):
+        return f"{what} That the world comes to rest does not explain it: {shares}; {others}."
+    return (
+        f"{what} No prediction got better by that: {shares}, where hardly anything is left to be missed (error "
+        f"{_error(end.held_percent)}); {others}, which is what to expect of long rollouts on the move."
+    )
+
+
+def rests(falls: Falling) -> bool:
+    """Return whether errors fall because much comes to rest: more of the states, which are off by less than others.
+
+    It is not so if those that move are predicted better, too.
+    """
+    then, end = falls.highest, falls.end
+    if end.held_share <= then.held_share or end.held_percent is None:
+        return False
+    if end.free_percent is None or then.free_percent is None:
+        return end.held_percent < then.percent
+    return end.held_percent < end.free_percent and end.free_percent >= FALLEN * then.free_percent
+
+
+def _error(value: float | None) -> str:
+    return "nothing that was measured" if value is None else f"{significant(value, 2)} %"
 
 
 def group_title(name: str) -> str:
@@ -191,15 +238,31 @@ def _rollout_source(evaluation: Evaluation) -> str:
         return ""
     groups = rollouts.groups
     if source.kind == "environment":
-        free, wall = (groups[name].episodes if name in groups else 0 for name in ("no_wall", "wall"))
-        return f" ({rollouts.all.episodes:,} in all, {free:,} without and {wall:,} with wall contact)"
-    parts = [f"{each.episodes:,} from {group_title(name)}" for name, each in groups.items() if name != "all"]
+        free, wall = (groups[name].number if name in groups else 0 for name in ("no_wall", "wall"))
+        return f" ({rollouts.all.number:,} in all, {free:,} without and {wall:,} with wall contact)"
+    parts = [f"{each.number:,} from {group_title(name)}" for name, each in groups.items() if name != "all"]
     segments = f", {listed(parts)}" if parts else ""
-    stretches = f"{rollouts.all.episodes:,} stretches" if rollouts.all.episodes > 1 else "one stretch"
+    stretches = f"{rollouts.all.number:,} stretches" if rollouts.all.number > 1 else "one stretch"
     exogenous = f" and the exogenous inputs ({listed(list(source.exogenous))})" if source.exogenous else ""
     return (
-        f" beside {stretches} of {source.steps:,} steps from held-out episodes{segments} (from the true first state of "
-        f"each, under the actions{exogenous} recorded there{_shorter(source)})"
+        f" beside {stretches} of {source.steps:,} steps from {episodes_words(rollouts.all)}{segments} (from the true "
+        f"first state of each, under the actions{exogenous} recorded there{_shorter(source)}{_overlapping(source)})"
+    )
+
+
+def episodes_words(group: RolloutGroup) -> str:
+    """Say in which episodes rollouts begin, and in how many, where that is known."""
+    if group.rollouts is None:
+        return "held-out episodes"
+    return "one held-out episode" if group.episodes == 1 else f"{group.episodes:,} held-out episodes"
+
+
+def _overlapping(source: RolloutSource) -> str:
+    if not source.overlapping:
+        return ""
+    return (
+        f"; fewer than {FEWEST_ROLLOUTS} would fit in one after the other, so they begin at equal distances and "
+        "overlap; what is drawn for an interval is episodes"
     )
 
 

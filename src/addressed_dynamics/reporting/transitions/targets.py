@@ -129,14 +129,14 @@ def _rollout_targets(evaluation: Evaluation, paper: PaperFigures) -> list[Target
     for name, figure in paper.rollouts.items():
         group = evaluation.own.rollouts.groups.get(figure.group)
         spread = group.mse.get(name) if group else None
-        number = group.episodes if group else 0
+        number = group.number if group else 0
         which = f"all {number:,} rollouts" if figure.group == "all" else f"the {number:,} rollouts without wall contact"
         targets.append(
             Target(
                 f"Rollout MSE of the {name}, median of {which}",
                 f"at most {scientific(figure.mse, 4)}, the paper's",
                 "not to be measured" if spread is None else scientific(spread.median, 4),
-                None if spread is None else spread.median <= figure.mse,
+                spread.median <= figure.mse if spread and group and group.tells else None,
             )
         )
     return targets

@@ -30,7 +30,7 @@ from addressed_dynamics.reporting.common.targets import Target, reached_words
 from addressed_dynamics.reporting.transitions.baseline_findings import baseline_findings
 from addressed_dynamics.reporting.transitions.comparison import MOST_NUMBERS, beats, compare
 from addressed_dynamics.reporting.transitions.paper import AngleFigures, PaperFigures
-from addressed_dynamics.reporting.transitions.rollout_tables import lost_sentence
+from addressed_dynamics.reporting.transitions.rollout_tables import episodes_words, lost_sentence
 from addressed_dynamics.reporting.transitions.targets import separation
 
 
@@ -239,11 +239,11 @@ def _rollouts(evaluation: Evaluation) -> str:
         known = {name: spread.median for name, spread in rollouts.all.mse.items() if spread is not None}
         low, high = (reduce(known, key=lambda name: known[name]) for reduce in (min, max))
         parts = [f"between {scientific(known[low])} ({low}) and {scientific(known[high])} ({high})"]
-    several = rollouts.all.episodes > 1
-    number = f"{rollouts.all.episodes:,} free-running rollouts" if several else "a free-running rollout"
-    which = f", {wall.episodes:,} of them with wall contact," if wall else ""
+    several = rollouts.all.number > 1
+    number = f"{rollouts.all.number:,} free-running rollouts" if several else "a free-running rollout"
+    which = f", {wall.number:,} of them with wall contact," if wall else ""
     if recorded:
-        which = f" of {evaluation.rollouts.steps:,} steps beside held-out episodes"
+        which = f" of {evaluation.rollouts.steps:,} steps beside {episodes_words(rollouts.all)}"
     physics = evaluation.rollouts.physics
     lost = f" {lost_sentence(evaluation, physics)}" if physics else ""
     return f"In {number}{which} the median MSE is {listed(parts)}{_leaving(rollouts.left_bounds_share)}.{lost}"

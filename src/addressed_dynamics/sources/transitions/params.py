@@ -110,7 +110,8 @@ class RecordedRollouts(Section):
 
     kind: Literal["recorded"]
     episodes: Count = 40
-    """Stretches to replay; fewer if the held-out episodes have no more."""
+    """Stretches to replay; fewer if the held-out episodes have no more. Where fewer than 20 lie apart, more begin in
+    the same episodes, equally spaced."""
     steps: Annotated[int, Field(ge=2)] = 100
     """Steps in a stretch; if no held-out episode is as long, as many as the longest allows."""
     seed: Seed = 0

@@ -5,7 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from addressed_dynamics.episodes.transitions import Dimension
-from addressed_dynamics.evaluation.transitions.records import ADDRESSED, CandidateResult, Evaluation
+from addressed_dynamics.evaluation.common.bootstrap import FEWEST_ROLLOUTS
+from addressed_dynamics.evaluation.transitions.records import (
+    ADDRESSED,
+    CandidateResult,
+    EpisodeSpread,
+    Evaluation,
+)
 from addressed_dynamics.reporting.common.blocks import Chart, Line, View
 from addressed_dynamics.reporting.common.charts import numbers
 from addressed_dynamics.reporting.common.figures.style import model_style, with_unit
@@ -24,7 +30,7 @@ def candidates(evaluation: Evaluation, dimensions: Sequence[Dimension]) -> Chart
     views = [_view("one step", f"{evaluation.loss.upper()} of scaled states", one_step, named)]
     for dimension in dimensions:
         spreads = {
-            name: (spread.p10, spread.median, spread.p90)
+            name: _ends(spread)
             for name, each in named.items()
             if each.rollouts and (spread := each.rollouts.all.mse.get(dimension.name))
         }
@@ -33,7 +39,8 @@ def candidates(evaluation: Evaluation, dimensions: Sequence[Dimension]) -> Chart
     caption = (
         "All candidates; further left is better. One step: mean error (dot) between the median and the 99th "
         "percentile of all test transitions (bar); a mean beyond the bar comes from a few large errors. Rollouts: "
-        "mean squared error of whole rollouts, median (dot) and 10th to 90th percentile (bar) over rollouts."
+        "mean squared error of whole rollouts, median (dot) and 10th to 90th percentile (bar; of at least "
+        f"{FEWEST_ROLLOUTS}) over rollouts."
     )
     alternative = "One-step and rollout errors of every candidate, each with its spread"
     return Chart("candidates", caption, alternative, "", tuple(views), ("Error in",), form="ranges")
@@ -55,3 +62,9 @@ def _short(name: str, candidate: CandidateResult) -> str:
         seed = name.partition("/seed-")[2]
         return f"{title}, seed {seed}" if seed not in {"", "0"} else title
     return candidate.label.removeprefix("ensemble, ").replace(" addressing", "")
+
+
+def _ends(spread: EpisodeSpread) -> tuple[float, float, float]:
+    """Return 10th percentile, median and 90th percentile; the median thrice where rollouts are too few for others."""
+    low, high = (spread.median if each is None else each for each in (spread.p10, spread.p90))
+    return low, spread.median, high
