@@ -88,6 +88,7 @@ def front(results: TransitionResults, origin: Origin[FeatureSpec], film: Figure 
     """
     evaluation = results.evaluation
     shown = beside(evaluation)
+    chart = error_chart(results, shown, origin.features)
     return Front(
         answers={
             "Model": f"{evaluation.chosen.label}{_why(evaluation)}",
@@ -100,8 +101,8 @@ def front(results: TransitionResults, origin: Origin[FeatureSpec], film: Figure 
         sentences=_sentences(evaluation, shown),
         errors=error_table(evaluation, shown, origin.features),
         film=film,
-        chart=error_chart(results, shown, origin.features),
-        missing=_missing(evaluation, origin.experiment),
+        chart=chart,
+        missing=_missing(evaluation, origin.experiment, charted=chart is not None),
     )
 
 
@@ -266,12 +267,14 @@ def _break_even(trust: TrustRecord | None) -> str:
     return f"From {at} of a rollout on, to say that nothing changes is the better guess."
 
 
-def _missing(evaluation: Evaluation, experiment: str) -> tuple[str, ...]:
+def _missing(evaluation: Evaluation, experiment: str, *, charted: bool) -> tuple[str, ...]:
     chosen, found = evaluation.chosen, []
     if chosen.rollouts is None:
         found.append(no_rollouts(experiment))
     elif not chosen.errors_after:
         found.append(missing_words("The errors after a step, 1 s and 10 s in units are", "evaluate", experiment))
+    if chosen.rollouts is not None and not charted:
+        found.append(missing_words("The errors against the length of rollouts are", "evaluate", experiment))
     if evaluation.trust is None:
         found.append(
             "How far to trust it is missing: it takes a second trained seed (ensemble.seeds) and "
