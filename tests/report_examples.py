@@ -216,6 +216,8 @@ FILES = {
     "arrays.npz": "evaluation/arrays.npz",
 }
 """Where the stages before the report write what it reads."""
+NEEDED = [path for name, path in FILES.items() if not name.endswith(".csv")]
+"""Those without which there is no report; of the others it says that they are missing."""
 
 
 def write_results(

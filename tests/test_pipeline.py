@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pipeline_clones import KINDS, STAGES, dvc, edit_params, environment, new_clone, stages_run
+from reading_pages import front_sentences, words_seen
 from ruamel.yaml import YAML
 from stage_dependencies import ROOT, first_party
 
@@ -121,6 +122,9 @@ def test_lazy_imports_count_but_not_those_of_a_package_that_is_passed(tmp_path: 
 def test_the_pipeline_ends_in_a_report_metrics_and_tracked_runs(finished: Path) -> None:
     report = (finished / "data" / "reports" / "mountaincar" / "report.html").read_text(encoding="utf-8")
     assert "Table 1" in report
+    assert len(report.encode()) < 4e6
+    assert words_seen(report) < 2500
+    assert len(front_sentences(report)) <= 6
     assert (finished / ".mlflow" / "mlflow.db").exists()
     shown = dvc(finished, "metrics", "show")
     assert all(name in shown for name in ("best_network_chosen_percent", "held_out_mae", "closed_loop_score"))

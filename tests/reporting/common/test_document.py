@@ -1,20 +1,24 @@
 """The order of a report's sections is the same for every kind of data, and what a kind leaves out is left out."""
 
+from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from example_params import EXAMPLE
+from report_examples import write_results
 
 from addressed_dynamics.base.params.training import AddressingParams, EnsembleParams
 from addressed_dynamics.reporting.common.blocks import Chart, Facts, Report, Section, Table, Text
-from addressed_dynamics.reporting.common.document import Account, build_report
+from addressed_dynamics.reporting.common.document import Account, build_report, write_unfinished
 from addressed_dynamics.reporting.common.figures.specialisation import Words
 from addressed_dynamics.reporting.common.origin import ModelWords, Origin
 from addressed_dynamics.reporting.common.paper import CITATION
 from addressed_dynamics.reporting.common.render import render_html, render_markdown
 from addressed_dynamics.reporting.common.results import AddressingTrainings, Trainings
 from addressed_dynamics.reporting.common.targets import Target
+from addressed_dynamics.reporting.common.written import Subject
 
 EPOCHS = np.arange(1.0, 4.0)
 CURVES = dict.fromkeys(("epoch", "loss/train", "loss/validation", "bins/changed", "loss_member/0"), EPOCHS)
@@ -110,6 +114,21 @@ def test_the_captions_of_the_trainings_use_the_words_of_the_kind() -> None:
     assert len(captions) == 2
     assert "All losses are of degrees." in captions[0]
     assert "on cold days:" in captions[1]
+
+
+def test_a_report_on_what_was_not_evaluated_has_its_trainings_and_says_what_is_to_be_run(tmp_path: Path) -> None:
+    figures, evaluation = write_results(tmp_path)
+    params = SimpleNamespace(title="A room")
+    subject = Subject("room", params, "params.yaml", tmp_path / "models", figures, evaluation, "", {})
+    written = write_unfinished(subject, tmp_path / "report")
+    assert written.verdict == "Nothing was evaluated: 'dvc repro evaluate@room' makes what is missing here."
+    assert written.headline == {}
+    page = (tmp_path / "report" / "report.html").read_text()
+    assert "dvc repro evaluate@room" in page.partition('<section id="front">')[2].partition("</section>")[0]
+    assert "chart-ensemble-training" in page
+    (figures / "ensemble" / "ensemble.csv").unlink()
+    write_unfinished(subject, tmp_path / "report")
+    assert "dvc repro train_ensemble@room" in (tmp_path / "report" / "report.html").read_text()
 
 
 def test_of_a_seed_without_curves_of_its_addressing_those_of_the_ensemble_are_shown() -> None:

@@ -3,9 +3,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from report_examples import FILES, write_results
+from report_examples import FILES, NEEDED, origin, transitions_report, write_results
 
 from addressed_dynamics.base.errors import ReportError
+from addressed_dynamics.reporting.common.missing import remedy_of
+from addressed_dynamics.reporting.common.render import render_markdown
 from addressed_dynamics.reporting.transitions.results import load_results
 
 
@@ -24,11 +26,44 @@ def test_what_was_written_is_read(tmp_path: Path) -> None:
     assert len(results.arrays.chosen) == 300
 
 
-@pytest.mark.parametrize("name", FILES.values())
+@pytest.mark.parametrize("name", NEEDED)
 def test_a_missing_file_is_named(tmp_path: Path, name: str) -> None:
     write_results(tmp_path)
     (tmp_path / name).unlink()
-    assert refusal(tmp_path) == f"{tmp_path / name}: missing, so there is nothing to report; 'dvc repro' makes it"
+    path = tmp_path / name
+    assert refusal(tmp_path) == f"{path}: missing, so there is nothing to report; '{remedy_of(path)}' makes it"
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("learner.csv", "The returns of the agent are missing in these results: 'dvc repro convert@mountaincar'"),
+        ("ensemble.csv", "The curves of phase 1 are missing in these results: 'dvc repro train_ensemble@mountaincar'"),
+        (
+            "addressing.csv",
+            "The curves of phase 2 are missing in these results: 'dvc repro train_addressing@mountaincar",
+        ),
+        ("horizon.csv", "The errors against the length of rollouts are missing in these results: 'dvc repro evaluate@"),
+    ],
+)
+def test_a_missing_curve_is_named_in_its_place_with_the_command_that_makes_it(
+    tmp_path: Path, name: str, said: str
+) -> None:
+    results = write_results(tmp_path)
+    (tmp_path / FILES[name]).unlink()
+    assert said in render_markdown(transitions_report(load_results(*results), origin(), None))
+
+
+@pytest.mark.parametrize(
+    ("path", "command"),
+    [
+        ("data/figures/arm/convert/data.json", "dvc repro convert@arm"),
+        ("data/figures/arm/ensemble/ensemble.csv", "dvc repro train_ensemble@arm"),
+        ("data/evaluation/arm/evaluation.json", "dvc repro evaluate@arm"),
+    ],
+)
+def test_the_command_that_makes_a_file_follows_from_its_place(path: str, command: str) -> None:
+    assert remedy_of(Path(path)) == command
 
 
 @pytest.mark.parametrize("name", FILES.values())

@@ -7,12 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 from motion_report_examples import FRAMES, OWN, arrays, candidate, example, write_results
-from report_examples import FILES
+from report_examples import FILES, NEEDED
 
 from addressed_dynamics.base.errors import ReportError
+from addressed_dynamics.reporting.common.missing import remedy_of
 from addressed_dynamics.reporting.motion.results import load_motion_results
 
 MOTION_FILES = [path for name, path in FILES.items() if name not in {"learner.csv", "horizon.csv"}]
+MOTION_NEEDED = [path for path in MOTION_FILES if path in NEEDED]
 
 
 def refusal(folder: Path) -> str:
@@ -31,11 +33,12 @@ def test_what_was_written_is_read(tmp_path: Path) -> None:
     assert len(results.arrays.loops[f"{OWN}/seed-0"].joint_position) == FRAMES
 
 
-@pytest.mark.parametrize("name", MOTION_FILES)
+@pytest.mark.parametrize("name", MOTION_NEEDED)
 def test_a_missing_file_is_named(tmp_path: Path, name: str) -> None:
     write_results(tmp_path)
     (tmp_path / name).unlink()
-    assert refusal(tmp_path) == f"{tmp_path / name}: missing, so there is nothing to report; 'dvc repro' makes it"
+    path = tmp_path / name
+    assert refusal(tmp_path) == f"{path}: missing, so there is nothing to report; '{remedy_of(path)}' makes it"
 
 
 @pytest.mark.parametrize("name", MOTION_FILES)

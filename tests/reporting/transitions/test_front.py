@@ -80,10 +80,26 @@ def test_the_chart_has_the_errors_of_the_median_rollout_and_the_interval(tmp_pat
     everything = chart.views[0].lines[0]
     assert everything.values[1:] == pytest.approx([100 * (1e-5 * steps) ** 0.5 for steps in (10, 20)], rel=5e-4)
     (interval,) = (line for line in chart.views[1].lines if line.name == INTERVAL)
-    assert interval.values == pytest.approx([0.02 * steps**0.5 for steps in (1, 10, 20)])
+    assert interval.values == pytest.approx([0.02 * steps**0.5 for steps in (1, 10, 20)], rel=5e-4)
     shown = [line for line in chart.views[0].lines if line.shown and line.style != "area"]
     assert len(shown) <= MOST_SHOWN
     assert len({line.name for line in chart.views[0].lines}) == len(chart.views[0].lines)
+
+
+def test_intervals_that_were_measured_against_the_horizon_are_drawn_as_they_are(tmp_path: Path) -> None:
+    figures, evaluation = write_results(tmp_path)
+    (tmp_path / FILES["evaluation.json"]).write_text(json.dumps(document()))
+    path = tmp_path / FILES["horizon.csv"]
+    header, *rows = path.read_text().splitlines()
+    added = [f"{row},{0.5 + index},0.25,0.125,{2 + index}" for index, row in enumerate(rows)]
+    path.write_text("\n".join([f"{header},interval_%,interval.position,interval.velocity,error_%_p50", *added]))
+    made = transitions_report(load_results(figures, evaluation), origin(), None).front
+    assert made is not None
+    assert made.chart is not None
+    everything, position, _ = made.chart.views
+    assert everything.lines[0].values == (None, 2.0, 3.0)
+    assert [line.values for line in everything.lines if line.name == INTERVAL] == [(None, 0.5, 1.5)]
+    assert [line.values for line in position.lines if line.name == INTERVAL] == [(None, 0.25, 0.25)]
 
 
 @pytest.mark.parametrize("paper", [False, True])
@@ -101,7 +117,11 @@ def test_only_the_report_of_an_experiment_of_the_paper_has_its_figures(tmp_path:
 
 
 def test_no_difference_is_told_from_few_rollouts(tmp_path: Path) -> None:
-    (words,) = (each for each in front(tmp_path, document()).sentences if "chance" in each)
+    found = document()
+    for candidate in found["candidates"].values():
+        if "rollouts" in candidate:
+            candidate["rollouts"]["groups"]["all"]["rollouts"] = 5
+    (words,) = (each for each in front(tmp_path, found).sentences if "chance" in each)
     assert words == "With 5 rollouts, fewer than 20, no difference from “one large network” can be told from chance."
 
 
@@ -109,7 +129,7 @@ def test_from_many_rollouts_a_difference_is_told_where_the_intervals_decide(tmp_
     found = document()
     for candidate in found["candidates"].values():
         if "rollouts" in candidate:
-            candidate["rollouts"]["groups"]["all"]["episodes"] = 40
+            candidate["rollouts"]["groups"]["all"]["rollouts"] = 40
     (tmp_path / "clear").mkdir()
     assert any(
         "beats “one large network”, the best of the others, by more than chance" in each

@@ -16,13 +16,14 @@ from addressed_dynamics.reporting.common.blocks import Block, Facts, Fold, Front
 from addressed_dynamics.reporting.common.figures import curves, histograms, specialisation
 from addressed_dynamics.reporting.common.figures.specialisation import OF_ANY, Words
 from addressed_dynamics.reporting.common.further import further_measures
+from addressed_dynamics.reporting.common.missing import missing_words, remedy
 from addressed_dynamics.reporting.common.origin import ModelWords, Origin, run_facts
 from addressed_dynamics.reporting.common.paper import CITATION
 from addressed_dynamics.reporting.common.render import write_report
-from addressed_dynamics.reporting.common.results import Trainings
+from addressed_dynamics.reporting.common.results import AddressingTrainings, Trainings, read_curves
 from addressed_dynamics.reporting.common.runs import run_blocks
 from addressed_dynamics.reporting.common.targets import Target, target_table
-from addressed_dynamics.reporting.common.written import Subject
+from addressed_dynamics.reporting.common.written import Subject, Written
 
 NO_LOSSES = BaselineLosses(train={}, test={})
 """Of no single network."""
@@ -96,7 +97,7 @@ def build_report(account: Account, trainings: Trainings, origin: Origin[Any], fu
         *account.method,
         Section("Seeds", account.seeds),
         Section("Further measures", tuple(further)),
-        Section("Training", _training_blocks(trainings, seed, account.words)),
+        Section("Training", training_blocks(trainings, str(seed), account.words, origin.experiment)),
     )
     sections = (
         Section("The data", account.data),
@@ -161,6 +162,30 @@ def specialisation_blocks(
     )
 
 
-def _training_blocks(trainings: Trainings, seed: int, words: Words) -> tuple[Block, ...]:
-    figure = curves.addressing_training(trainings.addressing_curves, str(seed), words.validation)
-    return (curves.ensemble_training(trainings.ensemble_curves, words), *([figure] if figure else []))
+def training_blocks(trainings: Trainings, seed: str, words: Words, experiment: str) -> tuple[Block, ...]:
+    """Return the curves of the trainings, or what makes them where there are none."""
+    phase_1 = (
+        curves.ensemble_training(trainings.ensemble_curves, words)
+        if trainings.ensemble_curves
+        else Text((missing_words("The curves of phase 1 are", "train_ensemble", experiment),))
+    )
+    phase_2: Block | None = curves.addressing_training(trainings.addressing_curves, seed, words.validation)
+    if not trainings.addressing_curves:
+        phase_2 = Text((missing_words("The curves of phase 2 are", "train_addressing", experiment),))
+    return (phase_1, *([phase_2] if phase_2 else []))
+
+
+def write_unfinished(subject: Subject, target: Path) -> Written:
+    """Write the report on an experiment that was not evaluated: what there is of its trainings, and what is to be run.
+
+    Raises:
+        ReportError: a file of the trainings is malformed.
+    """
+    found = read_curves(subject.figures)
+    trainings = Trainings(AddressingTrainings(delivered={}, validation={}), {}, **found)
+    first = next((name.partition("/")[0].removeprefix("seed-") for name in trainings.addressing_curves), "0")
+    verdict = f"Nothing was evaluated: '{remedy('evaluate', subject.experiment)}' makes what is missing here."
+    blocks = training_blocks(trainings, first, OF_ANY, subject.experiment)
+    report = Report(subject.params.title, "Half run", verdict, None, (Section("Training", blocks),))
+    write_report(report, target)
+    return Written({}, verdict)

@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from addressed_dynamics.base.errors import ReportError
+from addressed_dynamics.reporting.common.missing import remedy_of
 
 Value = TypeVar("Value")
 
@@ -42,6 +43,15 @@ def read_csv(path: Path, *, by: str, needed: tuple[str, ...]) -> dict[str, Colum
         ReportError: it is missing, one of the columns `needed` is, or a cell is not a number.
     """
     return columns_of(path, read_rows(path, (by, *needed)), by)
+
+
+def read_csv_if_there(path: Path, *, by: str, needed: tuple[str, ...]) -> dict[str, Columns]:
+    """Read the columns of a CSV file as `read_csv` does; nothing if there is none.
+
+    Raises:
+        ReportError: one of the columns `needed` is missing, or a cell is not a number.
+    """
+    return read_csv(path, by=by, needed=needed) if path.is_file() else {}
 
 
 def read_rows(path: Path, needed: tuple[str, ...]) -> list[dict[str, str]]:
@@ -109,4 +119,4 @@ def _read_text(path: Path) -> str:
 
 def _missing_file(path: Path) -> ReportError:
     """Return the error that says so of `path`."""
-    return ReportError(f"{path}: missing, so there is nothing to report; 'dvc repro' makes it")
+    return ReportError(f"{path}: missing, so there is nothing to report; '{remedy_of(path)}' makes it")

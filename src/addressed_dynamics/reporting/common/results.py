@@ -10,7 +10,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from addressed_dynamics.evaluation.common.records import Record
-from addressed_dynamics.reporting.common.reading import Columns, read_arrays, read_csv, read_json
+from addressed_dynamics.reporting.common.reading import Columns, read_arrays, read_csv_if_there, read_json
 
 Data = TypeVar("Data")
 Evaluation = TypeVar("Evaluation")
@@ -86,8 +86,21 @@ def read_trainings(figures: Path) -> dict[str, Any]:
     return {
         "addressing": read_json(folder / "addressing.json", AddressingTrainings),
         "baselines": read_json(figures / "baselines" / "baselines.json", dict[str, dict[str, float]]),
-        "ensemble_curves": read_csv(
+        **read_curves(figures),
+    }
+
+
+def read_curves(figures: Path) -> dict[str, dict[str, Columns]]:
+    """Read the curves of the trainings, as in `Trainings`; those of a training that was not run are empty.
+
+    Raises:
+        ReportError: a file is malformed.
+    """
+    return {
+        "ensemble_curves": read_csv_if_there(
             figures / "ensemble" / "ensemble.csv", by="training", needed=("epoch", "loss/train")
         ),
-        "addressing_curves": read_csv(folder / "addressing.csv", by="training", needed=("epoch", "agreement")),
+        "addressing_curves": read_csv_if_there(
+            figures / "addressing" / "addressing.csv", by="training", needed=("epoch", "agreement")
+        ),
     }

@@ -73,16 +73,26 @@ def unit_table(evaluation: MotionEvaluation) -> Table:
             ("feet that slide", "cm/s", [each.closed_loop.run.all.skate_speed for each in shown]),
         )
     ]
-    for index, block in enumerate(evaluation.own.test.blocks):
-        if block.block not in BLOCKS:
-            continue
-        cells = [significant(each.test.blocks[index].raw) for each in shown]
-        rows.append(Row((f"one step: {block.block.replace('_', ' ')}", block.unit or MISSING, *cells)))
+    units = [_one_step(each) for each in shown]
+    rows += [
+        Row(
+            (f"one step: {name.replace('_', ' ')}", unit or MISSING, *(significant(each[name, unit]) for each in units))
+        )
+        for name, unit in units[0]
+        if name in BLOCKS and all((name, unit) in each for each in units)
+    ]
     caption = (
-        "Mean absolute errors: under the commands of the test script, and one step ahead on "
+        "Mean errors: under the commands of the test script, and one step ahead on "
         f"{evaluation.own.test.rows:,} frames of held-out clips."
     )
     return Table(caption, columns, tuple(rows))
+
+
+def _one_step(candidate: Candidate) -> dict[tuple[str, str], float]:
+    """Return errors one step ahead by name and unit: of blocks, where no distances and angles were measured."""
+    if candidate.test.units:
+        return {(each.name, each.unit): each.value for each in candidate.test.units}
+    return {(each.block, each.unit): each.raw for each in candidate.test.blocks}
 
 
 def _of_seed(evaluation: MotionEvaluation, group: str) -> Candidate:

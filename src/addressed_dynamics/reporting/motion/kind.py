@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from addressed_dynamics.features.motion.features import MotionFeatures
-from addressed_dynamics.reporting.common.document import write_account
+from addressed_dynamics.reporting.common.document import write_account, write_unfinished
 from addressed_dynamics.reporting.common.origin import load_trained, origin_of
 from addressed_dynamics.reporting.common.render import FIGURES
 from addressed_dynamics.reporting.common.written import Subject, Written
@@ -17,6 +17,8 @@ SCENE = "closed-loop.mcap"
 
 def write(subject: Subject, target: Path) -> Written:
     """Write the report on `subject` into the folder `target`, and the closed loop as a scene for viewers of logs."""
+    if not (subject.evaluation / "evaluation.json").is_file():
+        return write_unfinished(subject, target)
     results = load_motion_results(subject.figures, subject.evaluation)
     trained = load_trained(subject, MotionFeatures, seed=results.evaluation.delivered.seed)
     features = MotionFeatureParams.model_validate(trained.ensemble.notes["params"]["features"], strict=False)

@@ -12,6 +12,7 @@ from addressed_dynamics.reporting.common.candidates import Effort, efforts_of
 from addressed_dynamics.reporting.common.document import Account, specialisation_blocks
 from addressed_dynamics.reporting.common.figures import curves
 from addressed_dynamics.reporting.common.figures.specialisation import OF_STATES
+from addressed_dynamics.reporting.common.missing import missing_words
 from addressed_dynamics.reporting.common.numbers import listed, percent, scientific
 from addressed_dynamics.reporting.common.origin import Origin
 from addressed_dynamics.reporting.common.targets import reached
@@ -73,7 +74,7 @@ def account(results: TransitionResults, origin: Origin[FeatureSpec], paper: Pape
         paper=paper is not None,
         model=model_words(features),
         seed=evaluation.delivered.seed,
-        data=(*_data_blocks(results), *quality_blocks(results.data)),
+        data=(*_data_blocks(results, origin.experiment), *quality_blocks(results.data)),
         found=found,
         method=method,
         seeds=_seed_blocks(results, origin),
@@ -124,7 +125,7 @@ def _recipe(origin: Origin[FeatureSpec]) -> Recipe:
     return Recipe(features=origin.features.params, ensemble=origin.ensemble, addressing=origin.addressing)
 
 
-def _data_blocks(results: TransitionResults) -> tuple[Block, ...]:
+def _data_blocks(results: TransitionResults, experiment: str) -> tuple[Block, ...]:
     data = results.data
     coverage, per_dimension = data.coverage, data.coverage.per_dimension
     cells = listed([f"{percent(share, 0)} of {name}" for name, share in per_dimension.items()])
@@ -145,7 +146,9 @@ def _data_blocks(results: TransitionResults) -> tuple[Block, ...]:
                 "before the limit of time."
             )
     warnings = warning_paragraphs(data.imported) if data.imported else ()
-    figure = curves.learner_returns(results.learner, learners)
+    figure: Block | None = curves.learner_returns(results.learner, learners)
+    if learners and not results.learner:
+        figure = Text((missing_words("The returns of the agent are", "convert", experiment),))
     return (
         Text((" ".join(sentences), *warnings, *repeated_words(results.evaluation.repeats))),
         tables.segment_table(data),
@@ -257,7 +260,7 @@ def _rollout_blocks(
         return (Text((no_rollouts(origin.experiment),)),)
     mechanics: tuple[Chart, ...] = ()
     numbers: tuple[Table, ...] = rollout_tables.rollout_tables(evaluation, paper)
-    if found := evaluation.rollouts.physics:
+    if (found := evaluation.rollouts.physics) and results.horizon["all"]:
         mechanics = (physics.angles_and_energy(results.horizon, found),)
         numbers += (rollout_tables.lost_table(evaluation, found), rollout_tables.energy_table(evaluation, found))
     return (

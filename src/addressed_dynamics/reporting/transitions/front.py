@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from addressed_dynamics.episodes.transitions import Dimension
+from addressed_dynamics.evaluation.common.bootstrap import FEWEST_ROLLOUTS
 from addressed_dynamics.evaluation.transitions.records import (
     ADDRESSED,
     NOTHING,
@@ -16,10 +17,12 @@ from addressed_dynamics.evaluation.transitions.records import (
     ErrorAfter,
     Evaluation,
 )
+from addressed_dynamics.evaluation.transitions.spreads import ERROR, INTERVAL_OF
+from addressed_dynamics.evaluation.transitions.spreads import INTERVAL as INTERVAL_COLUMN
 from addressed_dynamics.evaluation.transitions.trust_records import TrustRecord
 from addressed_dynamics.features.transitions.spec import FeatureSpec
 from addressed_dynamics.reporting.common.blocks import Chart, Column, Figure, Front, Line, Row, Table, View
-from addressed_dynamics.reporting.common.charts import numbers, places_of
+from addressed_dynamics.reporting.common.charts import places_of, rounded
 from addressed_dynamics.reporting.common.figures.style import model_style, with_unit
 from addressed_dynamics.reporting.common.missing import missing_words, remedy
 from addressed_dynamics.reporting.common.numbers import MISSING, percent, significant
@@ -29,8 +32,6 @@ from addressed_dynamics.reporting.transitions.comparison import beats, compare
 from addressed_dynamics.reporting.transitions.figures.episodes import first_of_each
 from addressed_dynamics.reporting.transitions.results import TransitionResults
 
-FEWEST_ROLLOUTS = 20
-"""Rollouts without which a percentile says nothing, and no difference can be told from chance."""
 MOST_DIMENSIONS = 6
 """Dimensions that the first screen has room for: those with the largest errors."""
 EVERYTHING = "all, % of the range"
@@ -88,6 +89,7 @@ def front(results: TransitionResults, origin: Origin[FeatureSpec], film: Figure 
     """
     evaluation = results.evaluation
     shown = beside(evaluation)
+    chart = error_chart(results, shown, origin.features)
     return Front(
         answers={
             "Model": f"{evaluation.chosen.label}{_why(evaluation)}",
@@ -100,8 +102,8 @@ def front(results: TransitionResults, origin: Origin[FeatureSpec], film: Figure 
         sentences=_sentences(evaluation, shown),
         errors=error_table(evaluation, shown, origin.features),
         film=film,
-        chart=error_chart(results, shown, origin.features),
-        missing=_missing(evaluation, origin.experiment),
+        chart=chart,
+        missing=_missing(evaluation, origin.experiment, charted=chart is not None),
     )
 
 
@@ -152,9 +154,8 @@ def error_chart(results: TransitionResults, shown: Beside, features: FeatureSpec
     seconds, scale = features.spaces.step_seconds, _scale(features)
     steps = horizon[names[0]]["horizon"]
     kept = places_of(steps)
-    after = evaluation.chosen.errors_after
-    widths = {each.steps: each.interval for each in after if each.interval}
-    places = sorted({int(steps[place]) for place in kept} | set(widths))
+    widths = _half_widths(horizon[names[0]], evaluation.chosen, scale)
+    places = sorted({int(steps[place]) for place in kept} | {each.steps for each in evaluation.chosen.errors_after})
     several = _rollouts(evaluation.chosen) >= FEWEST_ROLLOUTS
 
     def lines(dimension: Dimension | None) -> tuple[Line, ...]:
@@ -171,8 +172,9 @@ def error_chart(results: TransitionResults, shown: Beside, features: FeatureSpec
                 line = replace(line, low=low, high=high)
             drawn.append(line)
         if widths:
-            half = [_half_width(widths.get(step), dimension, scale) for step in places]
-            drawn.insert(len(names), Line(INTERVAL, model_style(shown.own)[1], tuple(half), style="area"))
+            width = widths.get(EVERYTHING if dimension is None else dimension.name, {})
+            half = tuple(rounded(width.get(step)) for step in places)
+            drawn.insert(len(names), Line(INTERVAL, model_style(shown.own)[1], half, style="area"))
         return tuple(drawn)
 
     views = [View((EVERYTHING,), "error, % of the range", tuple(step * seconds for step in places), lines(None))]
@@ -266,12 +268,14 @@ def _break_even(trust: TrustRecord | None) -> str:
     return f"From {at} of a rollout on, to say that nothing changes is the better guess."
 
 
-def _missing(evaluation: Evaluation, experiment: str) -> tuple[str, ...]:
+def _missing(evaluation: Evaluation, experiment: str, *, charted: bool) -> tuple[str, ...]:
     chosen, found = evaluation.chosen, []
     if chosen.rollouts is None:
         found.append(no_rollouts(experiment))
     elif not chosen.errors_after:
         found.append(missing_words("The errors after a step, 1 s and 10 s in units are", "evaluate", experiment))
+    if chosen.rollouts is not None and not charted:
+        found.append(missing_words("The errors against the length of rollouts are", "evaluate", experiment))
     if evaluation.trust is None:
         found.append(
             "How far to trust it is missing: it takes a second trained seed (ensemble.seeds) and "
@@ -291,7 +295,7 @@ def _middle_error(candidate: CandidateResult) -> float | None:
 
 
 def _rollouts(candidate: CandidateResult) -> int:
-    return candidate.rollouts.all.episodes if candidate.rollouts else 0
+    return candidate.rollouts.all.number if candidate.rollouts else 0
 
 
 def _scale(features: FeatureSpec) -> dict[str, float]:
@@ -332,20 +336,39 @@ def _course(
     """Return the error at each of these steps, in the unit of a dimension, or of all in % of the range."""
     if dimension is not None:
         values = np.sqrt(columns[f"{dimension.name}_{share}"])
-    else:
-        squares = [columns[f"{name}_{share}"] / width**2 for name, width in scale.items()]
-        values = 100 * np.sqrt(np.mean(squares, axis=0))
-    known: Mapping[int, float] = dict(zip(columns["horizon"].astype(int).tolist(), values.tolist(), strict=True))
-    found: Float[np.ndarray, " place"] = np.array([known.get(place, np.nan) for place in places])
-    return numbers(found.tolist())
+    elif f"{ERROR}_{share}" in columns:
+        values = columns[f"{ERROR}_{share}"]
+    else:  # results of earlier versions
+        values = 100 * np.sqrt(
+            np.mean([columns[f"{name}_{share}"] / width**2 for name, width in scale.items()], axis=0)
+        )
+    known = _by_step(columns, values)
+    return tuple(rounded(known.get(place)) for place in places)
 
 
-def _half_width(
-    widths: Mapping[str, float] | None, dimension: Dimension | None, scale: Mapping[str, float]
-) -> float | None:
-    if widths is None:
-        return None
-    if dimension is not None:
-        return widths.get(dimension.name)
-    squares = [(widths[name] / width) ** 2 for name, width in scale.items() if name in widths]
-    return 100 * float(np.sqrt(np.mean(squares))) if squares else None
+def _half_widths(
+    columns: Columns, chosen: CandidateResult, scale: Mapping[str, float]
+) -> dict[str, Mapping[int, float]]:
+    """Return half of the 90 % interval by dimension, and over all of them in % of the range, and then by step.
+
+    Where they were not measured against the horizon, those after a step, 1 s and 10 s; nothing if there are none.
+    """
+    if INTERVAL_COLUMN in columns:
+        found = {name: columns[INTERVAL_OF.format(name)] for name in scale if INTERVAL_OF.format(name) in columns}
+        found[EVERYTHING] = columns[INTERVAL_COLUMN]
+        return {name: _by_step(columns, values) for name, values in found.items()}
+    known = {each.steps: each.interval for each in chosen.errors_after if each.interval}
+    if not known:
+        return {}
+    widths: dict[str, Mapping[int, float]] = {
+        name: {steps: each[name] for steps, each in known.items() if name in each} for name in scale
+    }
+    widths[EVERYTHING] = {
+        steps: 100 * float(np.sqrt(np.mean([(each[name] / scale[name]) ** 2 for name in each if name in scale])))
+        for steps, each in known.items()
+    }
+    return widths
+
+
+def _by_step(columns: Columns, values: Float[np.ndarray, " horizon"]) -> dict[int, float]:
+    return dict(zip(columns["horizon"].astype(int).tolist(), values.tolist(), strict=True))

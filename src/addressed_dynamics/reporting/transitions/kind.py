@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from addressed_dynamics.features.transitions.spec import FeatureSpec
-from addressed_dynamics.reporting.common.document import write_account
+from addressed_dynamics.reporting.common.document import write_account, write_unfinished
 from addressed_dynamics.reporting.common.origin import load_trained, origin_of
 from addressed_dynamics.reporting.common.written import Subject, Written
 from addressed_dynamics.reporting.transitions.document import account, headline
@@ -20,6 +20,8 @@ LIBRARIES = ("addressed-dynamics", "gymnasium", "numpy", "stable-baselines3", "t
 
 def write(subject: Subject, target: Path) -> Written:
     """Write the report on `subject` into the folder `target`."""
+    if not (subject.evaluation / "evaluation.json").is_file():
+        return write_unfinished(subject, target)
     results = load_results(subject.figures, subject.evaluation)
     delivered = results.evaluation.delivered
     trained = load_trained(subject, FeatureSpec, seed=delivered.seed, variant=delivered.variant)

@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 
 from addressed_dynamics.base.errors import ReportError
 from addressed_dynamics.evaluation.transitions.records import Evaluation
-from addressed_dynamics.reporting.common.reading import Columns, columns_of, read_csv, read_rows
+from addressed_dynamics.reporting.common.reading import Columns, columns_of, read_csv_if_there, read_rows
 from addressed_dynamics.reporting.common.results import Results, read_results
 from addressed_dynamics.reporting.transitions.recorded import DataResult
 
@@ -81,7 +81,7 @@ def load_results(figures: Path, evaluation: Path) -> TransitionResults:
     """
     results = TransitionResults(
         **read_results(figures, evaluation, DataResult, Evaluation, _arrays),
-        learner=read_csv(figures / "convert" / "learner.csv", by="segment", needed=("return",)),
+        learner=read_csv_if_there(figures / "convert" / "learner.csv", by="segment", needed=("return",)),
         horizon=_read_horizon(evaluation / "horizon.csv"),
     )
     found = results.evaluation
@@ -96,6 +96,8 @@ def load_results(figures: Path, evaluation: Path) -> TransitionResults:
 
 def _read_horizon(path: Path) -> dict[str, dict[str, Columns]]:
     groups: dict[str, list[dict[str, str]]] = {"all": []}
+    if not path.is_file():
+        return {"all": {}}
     for row in read_rows(path, ("group", "model", "horizon")):
         groups.setdefault(row.pop("group"), []).append(row)
     return {group: columns_of(path, rows, "model") for group, rows in groups.items()}
