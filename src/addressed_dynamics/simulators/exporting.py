@@ -28,7 +28,8 @@ from addressed_dynamics.simulators.addressed import AddressedDynamics
 from addressed_dynamics.simulators.delivery import find_parts
 from addressed_dynamics.simulators.modes import MODES, no_mode
 from addressed_dynamics.simulators.motion import MOTION_MODES, MotionModel
-from addressed_dynamics.simulators.portable import MotionModule, StepModule
+from addressed_dynamics.simulators.portable import StepModule
+from addressed_dynamics.simulators.portable_motion import MotionModule
 
 FORMATS = ("onnx", "pt2")
 METADATA = "addressed_dynamics.json"

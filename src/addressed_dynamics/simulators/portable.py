@@ -9,10 +9,8 @@ from torch import Tensor, nn
 from addressed_dynamics.base.errors import ModelError
 from addressed_dynamics.episodes.transitions import DiscreteAction
 from addressed_dynamics.networks.addressing import addressing_scores
-from addressed_dynamics.networks.spline import catmull_rom
 from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.simulators.addressed import AddressedDynamics
-from addressed_dynamics.simulators.motion import MotionMode, MotionModel
 
 
 @final
@@ -32,7 +30,7 @@ class StepModule(nn.Module):
             ModelError: its mode is `sample`, and what is drawn is no function.
         """
         super().__init__()
-        _check_mode(model.mode, model.addressing)
+        check_function(model.mode, model.addressing)
         self.mode = model.mode
         self.features = model.features
         _ = self.features.constants  # made here, for a tracer would make some that are of no use to anybody else
@@ -58,45 +56,7 @@ class StepModule(nn.Module):
         """
         x = self.features.encode(observation, action, exogenous)
         last = observation if self.features.history == 1 else observation[:, -1]
-        return self.features.decode(_output(self.ensemble, self.addressing, self.mode, x), last)
-
-
-@final
-class MotionModule(nn.Module):
-    """Maps the inputs of frames (and phases, if the model has one) to their outputs, in the model's own mode.
-
-    As `StepModule`, it evaluates every member; up to rounding, the result is that of `MotionModel.predict`.
-    """
-
-    def __init__(self, model: MotionModel) -> None:
-        """Take a model apart.
-
-        Raises:
-            ModelError: its mode is `sample`, and what is drawn is no function.
-        """
-        super().__init__()
-        _check_mode(model.mode, model.addressing)
-        self.mode: MotionMode = model.mode
-        self.features = model.features
-        rows = torch.zeros(1, self.features.inputs)
-        self.features.decode(torch.zeros(1, self.features.outputs), rows + self.features.encode(rows))  # as above
-        self.networks = model.networks
-        self.addressing = model.addressing
-
-    def forward(self, x: Float[Tensor, "row 342"], phase: Tensor | None = None) -> Float[Tensor, "row 311"]:
-        """Return outputs, (B, 311).
-
-        Args:
-            x: inputs, (B, 342), in their own units.
-            phase: phases, (B,), in cycles, if the mode is `phase`; else None.
-        """
-        encoded = self.features.encode(x)
-        if self.mode == "phase":
-            assert phase is not None
-            output = self.networks.forward_blended(encoded, catmull_rom(phase))
-        else:
-            output = _output(self.networks, self.addressing, self.mode, encoded)
-        return self.features.decode(output, x)
+        return self.features.decode(combined_output(self.ensemble, self.addressing, self.mode, x), last)
 
 
 @final
@@ -132,13 +92,18 @@ class PortableDynamics(nn.Module):
         return following
 
 
-def _check_mode(mode: str, addressing: StackedMLP | None) -> None:
+def check_function(mode: str, addressing: StackedMLP | None) -> None:
+    """Check that what a model says is a function of its inputs.
+
+    Raises:
+        ModelError: it draws its members.
+    """
     if mode == "sample" and addressing is not None:
         message = "a model that draws its members cannot be kept as one module; load it in another mode"
         raise ModelError(message)
 
 
-def _output(
+def combined_output(
     ensemble: StackedMLP, addressing: StackedMLP | None, mode: str, x: Float[Tensor, "sample input"]
 ) -> Float[Tensor, "sample output"]:
     """Return what the members say together, of all of them: without a branch that depends on the data."""
