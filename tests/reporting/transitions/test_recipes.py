@@ -1,5 +1,6 @@
 """What the report says of the recipe of a run, and of the default and the paper's beside each other."""
 
+import copy
 from pathlib import Path
 from typing import Any
 
@@ -189,11 +190,21 @@ def test_one_recipe_alone_is_not_compared() -> None:
     assert recipes_finding(evaluation) is None
 
 
+def test_of_several_seeds_of_the_other_recipe_the_first_stands_in_the_table() -> None:
+    document = acrobot().model_dump(mode="json")
+    second = copy.deepcopy(document["candidates"]["paper_recipe/seed-0"])
+    second["one_step"]["scaled"]["mean"] = 0.5
+    document["candidates"]["paper_recipe/seed-1"] = second
+    found = recipes_table(Evaluation.model_validate(document, strict=False), OURS)
+    assert found == recipes_table(acrobot(), OURS)
+    assert found is not None
+
+
 def test_an_evaluation_that_does_not_say_whether_there_is_another_recipe_is_refused(tmp_path: Path) -> None:
     document = with_other_recipe(evaluation_json(), THEIRS, (1e-6, 1e-5))
     del document["candidates"]["paper_recipe/seed-0"]
     folders = write_results(tmp_path, other_recipe=document["other_recipe"])
-    with pytest.raises(ReportError, match="'paper_recipe' is the other recipe, so there should be one candidate of it"):
+    with pytest.raises(ReportError, match="'paper_recipe' is the other recipe, so there should be a candidate of it"):
         load_results(*folders)
 
 

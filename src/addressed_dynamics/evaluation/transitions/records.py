@@ -408,7 +408,7 @@ class Evaluation(Record):
     specialisation: Specialisations
     baseline_losses: BaselineLosses
     other_recipe: OtherRecipe | None
-    """None if it was not trained."""
+    """From its first seed; None if it was not trained."""
     recommendation: Recommendation | None = None
     """None if there are no validation episodes to choose by."""
     trust: TrustRecord | None = None
@@ -424,8 +424,8 @@ class Evaluation(Record):
 
     @model_validator(mode="after")
     def _has_the_other_recipe(self) -> Evaluation:
-        if self.other_recipe and len(self.baseline(self.other_recipe.name)) != 1:
-            message = f"'{self.other_recipe.name}' is the other recipe, so there should be one candidate of it"
+        if self.other_recipe and not self.baseline(self.other_recipe.name):
+            message = f"'{self.other_recipe.name}' is the other recipe, so there should be a candidate of it"
             raise ValueError(message)
         return self
 

@@ -34,7 +34,7 @@ def recipes_table(evaluation: Evaluation, own: Recipe) -> Table | None:
     other = evaluation.other_recipe
     if other is None:
         return None
-    (theirs,) = evaluation.baseline(other.name)
+    theirs = evaluation.baseline(other.name)[0]
     ours = f"{_own_title(other.name)}, chosen"
     columns = {
         ours: _settings(own, other.recipe) | _figures(evaluation, evaluation.own, evaluation.specialisation, own),
