@@ -77,6 +77,7 @@ def test_the_example_after_a_finished_pipeline_leaves_the_data_of_the_other_expe
     none = {"episodes": 0, "rows": 0}
     source = {
         "kind": "recorded", "steps": 30, "steps_wanted": 30, "too_short": {}, "dropped": none, "physics": None,
+        "overlapping": True,
     }  # fmt: skip
     assert evaluation["rollouts"] == source
     assert set(evaluation["candidates"]["ensemble/argmax"]["rollouts"]["groups"]["all"]["mse"]) == {"angle", "speed"}
