@@ -82,7 +82,7 @@ def test_the_example_after_a_finished_pipeline_leaves_the_data_of_the_other_expe
     assert evaluation["rollouts"] == source
     assert set(evaluation["candidates"]["ensemble/argmax"]["rollouts"]["groups"]["all"]["mse"]) == {"angle", "speed"}
     report = (clone / "data" / "reports" / "pendulum" / "report.html").read_text(encoding="utf-8")
-    assert "steps from held-out episodes" in report
+    assert "beside 20 stretches of 30 steps from 5 held-out episodes" in report
     assert "wall" not in report
     assert "the paper's " not in report.partition("Source")[0]
 
