@@ -20,7 +20,7 @@ export MLFLOW_DISABLE_TELEMETRY := true
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run example ride hopper test docs results ui bench clean
+.PHONY: help setup run example ride hopper test test-cluster docs results ui bench clean
 
 help:
 	@echo "make run     install into $(VENV), run the pipeline, write data/reports/*/report.html"
@@ -28,6 +28,7 @@ help:
 	@echo "make ride    fetch a real bicycle ride and go from it to a report (two minutes)"
 	@echo "make hopper  install MuJoCo, record its Hopper and go from it to a report (ten minutes)"
 	@echo "make test    check format, style, types and imports, then run the tests"
+	@echo "make test-cluster  install Ray, then run the tests that need it, on two nodes of this machine"
 	@echo "make docs    build the documentation in site/"
 	@echo "make results fill README.md and docs/results.md with the figures of the last run (FROM=folder: of a run there)"
 	@echo "make ui      browse the runs in MLflow (Ctrl-C ends it)"
@@ -95,7 +96,15 @@ test: $(VENV)/checked
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	PATH="$(CURDIR)/$(BIN):$$PATH" OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder
+	PATH="$(CURDIR)/$(BIN):$$PATH" OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder \
+	    --ignore tests/cluster
+
+$(VENV)/cluster: $(VENV)/checked requirements-cluster.lock
+	$(PIP) install $(LOCKED) -r requirements-cluster.lock
+	@touch $@
+
+test-cluster: $(VENV)/cluster
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest tests/cluster
 
 # The banner that the variable turns off says what its makers sell next.
 docs: $(VENV)/checked

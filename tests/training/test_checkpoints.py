@@ -5,8 +5,9 @@ from typing import Any
 import pytest
 from learning import ENSEMBLE, car_samples
 
+from addressed_dynamics.base.versions import hash_sources
 from addressed_dynamics.training import checkpoints
-from addressed_dynamics.training.checkpoints import Checkpoint, code_version, hash_sources
+from addressed_dynamics.training.checkpoints import Checkpoint, code_version
 from addressed_dynamics.training.ensemble import train_ensemble
 
 FEATURES, TRAIN, VALIDATION = car_samples()

@@ -56,6 +56,10 @@ class ReportError(AddressedDynamicsError):
     """The report cannot be written from the results that are there."""
 
 
+class ClusterError(AddressedDynamicsError):
+    """Ray cannot be used, or lost what it was given to do."""
+
+
 class TrackingError(AddressedDynamicsError):
     """The tracking store cannot be opened by a command that needs it (a stage only warns)."""
 

@@ -5,17 +5,17 @@ from __future__ import annotations
 import multiprocessing
 import pickle
 import signal
-import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import partial
 from multiprocessing.process import BaseProcess
 from typing import Protocol, TypeVar
 
+from addressed_dynamics.base.cluster import cluster_map, engine
 from addressed_dynamics.base.errors import AddressedDynamicsError
+from addressed_dynamics.base.failures import Failure
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -26,42 +26,6 @@ class OrderedMap(Protocol):
 
     def __call__(self, function: Callable[[Item], Result], items: Sequence[Item], /) -> Iterator[Result]:
         """Yield `function(item)` of each item."""
-
-
-class WorkerTraceback(Exception):
-    """The traceback of an exception in a worker process, as text: the cause that the parent shows for it."""
-
-    def __str__(self) -> str:
-        return f"\n{self.args[0]}"
-
-
-@dataclass(frozen=True)
-class Failure:
-    """An exception on its way from a worker process to its parent. Always picklable, whatever the exception is."""
-
-    summary: str
-    """Its type and message, and the line that raised it."""
-    traceback: str
-    """The traceback in the worker process."""
-    pickled: bytes | None
-    """The exception itself; None if it does not survive pickling."""
-
-    @staticmethod
-    def of(error: Exception) -> Failure:
-        """Describe `error`, which has been caught."""
-        frames = traceback.extract_tb(error.__traceback__)
-        where = f" ({frames[-1].filename}, line {frames[-1].lineno}, in {frames[-1].name})" if frames else ""
-        text = "".join(traceback.format_exception(error))
-        return Failure(f"{type(error).__qualname__}: {error}{where}", text, _pickled(error))
-
-    def exception(self) -> Exception:
-        """Return the exception to raise in the parent, with the worker's traceback as its cause.
-
-        One that does not survive pickling becomes a RuntimeError with its type, its message and where it was raised.
-        """
-        error: Exception = RuntimeError(self.summary) if self.pickled is None else pickle.loads(self.pickled)
-        error.__cause__ = WorkerTraceback(self.traceback)
-        return error
 
 
 def death(exit_code: int | None) -> str:
@@ -81,12 +45,19 @@ def death(exit_code: int | None) -> str:
 def worker_processes(count: int) -> Iterator[OrderedMap]:
     """Yield a `map` that `count` worker processes carry out; with one, this process does it itself.
 
+    If the environment asks for Ray, its tasks do, as many at once as the cluster has cores.
+
     An exception in a worker is raised here, as it is there. When the block is left early, by an exception in a worker
     or by Ctrl-C, items that have not begun are dropped and the others are waited for.
 
     Raises:
-        AddressedDynamicsError: a worker process died without an exception; the message says by which signal.
+        AddressedDynamicsError: a worker process died without an exception; the message says by which signal. Or Ray
+            cannot be used: see `cluster_map`.
     """
+    if (cluster := engine()) is not None:
+        with cluster_map(cluster) as ordered_map:
+            yield ordered_map
+        return
     if count == 1:
         yield map
         return
@@ -118,15 +89,6 @@ def _call(function: Callable[[Item], Result], item: Item) -> bytes:
         return pickle.dumps(function(item))
     except Exception as error:
         return pickle.dumps(Failure.of(error))
-
-
-def _pickled(error: Exception) -> bytes | None:
-    try:
-        pickled = pickle.dumps(error)
-        again = pickle.loads(pickled)
-    except Exception:
-        return None
-    return pickled if type(again) is type(error) and str(again) == str(error) else None
 
 
 def _first_exit_code(workers: Iterable[BaseProcess]) -> int | None:

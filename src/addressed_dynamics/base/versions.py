@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import subprocess
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import lru_cache
 from pathlib import Path
 
@@ -64,6 +64,22 @@ def output_digests(folder: Path) -> dict[str, str]:
     return {
         inner.relative_to(folder).as_posix(): _digest(inside) for inner, inside in files.items() if inner not in outer
     }
+
+
+def hash_sources(paths: Iterable[Path]) -> str:
+    """Return a hash of the names and contents of Python files.
+
+    Args:
+        paths: the files, or folders of them; where these lie does not matter.
+    """
+    digest = hashlib.blake2b(digest_size=16)
+    for path in paths:
+        files = sorted(path.rglob("*.py")) if path.is_dir() else [path]
+        for file in files:
+            content = file.read_bytes()
+            digest.update(f"{file.relative_to(path.parent).as_posix()} {len(content)}\n".encode())
+            digest.update(content)
+    return digest.hexdigest()
 
 
 def _digest(files: list[Path]) -> str:

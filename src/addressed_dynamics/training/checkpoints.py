@@ -7,7 +7,6 @@ by the training it belongs to, and another number of processes or one more seed 
 
 import hashlib
 import json
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -19,6 +18,7 @@ from safetensors import SafetensorError
 from torch import Tensor
 
 from addressed_dynamics.base.files import atomic_path
+from addressed_dynamics.base.versions import hash_sources
 
 FORMAT = 2
 """Version of what a checkpoint holds, part of its name."""
@@ -71,22 +71,6 @@ class Checkpoint:
 def code_version() -> str:
     """Return a hash of the code that decides what a training gives, as it is when this is first asked."""
     return hash_sources(SOURCES)
-
-
-def hash_sources(paths: Iterable[Path]) -> str:
-    """Return a hash of the names and contents of Python files.
-
-    Args:
-        paths: the files, or folders of them; where these lie does not matter.
-    """
-    digest = hashlib.blake2b(digest_size=16)
-    for path in paths:
-        files = sorted(path.rglob("*.py")) if path.is_dir() else [path]
-        for file in files:
-            content = file.read_bytes()
-            digest.update(f"{file.relative_to(path.parent).as_posix()} {len(content)}\n".encode())
-            digest.update(content)
-    return digest.hexdigest()
 
 
 def _decisive(value: Any) -> Any:

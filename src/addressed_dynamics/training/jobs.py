@@ -6,12 +6,15 @@ import pickle
 import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 
+from addressed_dynamics.base.cluster import cluster_streams, engine
 from addressed_dynamics.base.errors import TrainingError
-from addressed_dynamics.base.processes import Failure, death
+from addressed_dynamics.base.failures import Failure
+from addressed_dynamics.base.processes import death
 from addressed_dynamics.base.torch_runtime import prepare_torch
 from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.training.epochs import Epoch
@@ -26,10 +29,18 @@ def run_jobs(jobs: Mapping[str, Job], *, processes: int) -> Iterator[tuple[str, 
     A job gives the same result whatever runs beside it. The network of an epoch is whole only in a job's last epoch if
     there is more than one process. Leaving the loop ends all jobs.
 
+    If the environment asks for Ray, every job is one of its tasks, as many at once as the cluster has cores. A job
+    whose worker or machine is lost begins anew there, from its checkpoint if it has one.
+
     Raises:
         AddressedDynamicsError: what a job raised; any other exception of a job comes through too, as it is.
         TrainingError: the process of a job died without an exception; the message says by which signal.
+        ClusterError: Ray cannot be used, or lost a job too often.
     """
+    if (cluster := engine()) is not None:
+        with cluster_streams(cluster, {name: partial(_alone, job) for name, job in jobs.items()}) as epochs:
+            yield from epochs
+        return
     if processes == 1 or len(jobs) == 1:
         for name, job in jobs.items():
             for epoch in job():
@@ -84,14 +95,20 @@ def _start(job: Job) -> tuple[Connection, SpawnProcess]:
 def _work(job: Job, sender: Connection) -> None:
     threading.Thread(target=_end_with_parent, daemon=True).start()
     try:
-        prepare_torch(threads=1)
-        for epoch in job():
-            _send(sender, epoch if epoch.last else _without_weights(epoch))
+        for epoch in _alone(job):
+            _send(sender, epoch)
         _send(sender, None)
     except BrokenPipeError:
         return  # the parent is gone; the checkpoint holds the last finished epoch
     except Exception as error:
         _send(sender, Failure.of(error))
+
+
+def _alone(job: Job) -> Iterator[Epoch]:
+    """Yield what a job yields in a process of its own: on one thread, with the networks of its last epoch alone."""
+    prepare_torch(threads=1)
+    for epoch in job():
+        yield epoch if epoch.last else _without_weights(epoch)
 
 
 def _end_with_parent() -> None:

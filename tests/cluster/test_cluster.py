@@ -1,0 +1,169 @@
+"""Ray does what local worker processes do: the same bytes, whatever is lost on the way."""
+
+import threading
+import time
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+import pytest
+from builders import CAR, RUN, write_log
+from cluster_jobs import always_lost, failing, lost_once, squared, trained
+from strategies import random_transitions
+
+from addressed_dynamics.base import cluster as launching
+from addressed_dynamics.base.errors import ClusterError, TrainingError
+from addressed_dynamics.base.processes import worker_processes
+from addressed_dynamics.sources.transitions.conversion import convert_recording
+from addressed_dynamics.sources.transitions.params import ConvertParams
+from addressed_dynamics.training.epochs import Epoch
+from addressed_dynamics.training.jobs import run_jobs
+
+LOGS = 40
+
+
+def bytes_of(folder: Path) -> dict[str, bytes]:
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def weights(epoch: Epoch) -> bytes:
+    return b"".join(parameter.detach().numpy().tobytes() for parameter in epoch.network.parameters())
+
+
+def convert(recording: Path, folder: Path) -> dict[str, bytes]:
+    folder.mkdir()
+    convert_recording(
+        recording, folder / "tables", folder / "reports", ConvertParams(), cores=1, progress=lambda _: None
+    )
+    return bytes_of(folder)
+
+
+def ended(jobs: dict[str, Any]) -> tuple[list[tuple[str, int, dict[str, float]]], dict[str, bytes]]:
+    """Return name, index and metrics of every epoch by name and index, and the networks of the last ones."""
+    epochs = list(run_jobs(jobs, processes=1))
+    told = sorted(((name, epoch.index, epoch.metrics) for name, epoch in epochs), key=lambda each: each[:2])
+    return told, {name: weights(epoch) for name, epoch in epochs if epoch.last}
+
+
+@pytest.mark.usefixtures("cluster")
+def test_forty_logs_are_converted_to_the_same_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    recording = tmp_path / "raw"
+    recording.mkdir()
+    for number in range(LOGS):
+        transitions = random_transitions(CAR, [7, 12, 5], np.random.default_rng(number))
+        write_log(recording / f"log-{number:02d}.mcap", transitions, run=replace(RUN, seed=number))
+    on_cluster = convert(recording, tmp_path / "cluster")
+    monkeypatch.setenv(launching.ENGINE, "local")
+    assert on_cluster == convert(recording, tmp_path / "local")
+
+
+@pytest.mark.usefixtures("cluster")
+def test_results_come_in_the_order_of_the_items_from_other_processes() -> None:
+    with worker_processes(1) as ordered_map:
+        answers = list(ordered_map(squared, range(20)))
+    assert [square for square, _ in answers] == [number**2 for number in range(20)]
+    assert len({pid for _, pid in answers}) == 2
+
+
+@pytest.mark.usefixtures("cluster")
+def test_a_killed_worker_loses_nothing(tmp_path: Path) -> None:
+    with worker_processes(1) as ordered_map:
+        (answer,) = ordered_map(lost_once, [tmp_path / "tried"])
+    assert answer.startswith("begun anew")
+
+
+@pytest.mark.usefixtures("cluster")
+def test_an_item_that_is_always_lost_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(launching, "RETRIES", 1)
+    with worker_processes(1) as ordered_map, pytest.raises(ClusterError, match="Ray lost a task more often") as found:
+        list(ordered_map(always_lost, [1]))
+    assert "\n" not in str(found.value)
+
+
+@pytest.mark.usefixtures("cluster")
+def test_an_error_of_the_project_comes_through() -> None:
+    with worker_processes(1) as ordered_map, pytest.raises(TrainingError, match="not finite"):
+        list(ordered_map(failing, [1]))
+
+
+@pytest.mark.usefixtures("cluster")
+def test_two_trainings_end_as_they_do_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One of them in a worker that is killed in the middle: it goes on from its checkpoint."""
+    there, here = tmp_path / "there", tmp_path / "here"
+    there.mkdir()
+    here.mkdir()
+    on_cluster = ended({f"seed-{seed}": partial(trained, seed, there, 3 if seed else None) for seed in (0, 1)})
+    assert (there / "1.died").exists()
+    monkeypatch.setenv(launching.ENGINE, "local")
+    assert on_cluster == ended({f"seed-{seed}": partial(trained, seed, here) for seed in (0, 1)})
+
+
+def test_a_node_that_leaves_takes_nothing_along(cluster: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of three nodes with a training each, one leaves when all have begun."""
+    there, here = tmp_path / "there", tmp_path / "here"
+    there.mkdir()
+    here.mkdir()
+    leaving = cluster.add_node(num_cpus=1)
+    cluster.wait_for_nodes()
+
+    def begun() -> list[tuple[str, str]]:
+        log = there / "workers"
+        return [tuple(line.split()[:2]) for line in log.read_text().splitlines()] if log.exists() else []
+
+    def leave() -> None:
+        while len({seed for seed, _ in begun()}) < 3:
+            time.sleep(0.05)
+        cluster.remove_node(leaving, allow_graceful=False)
+
+    thread = threading.Thread(target=leave)
+    thread.start()
+    on_cluster = ended({f"seed-{seed}": partial(trained, seed, there, slow=0.5) for seed in range(3)})
+    thread.join()
+    assert len(set(begun())) == 4, "one training was in two processes, the others in one"
+    monkeypatch.setenv(launching.ENGINE, "local")
+    assert on_cluster == ended({f"seed-{seed}": partial(trained, seed, here) for seed in range(3)})
+
+
+@pytest.mark.usefixtures("cluster")
+def test_a_worker_with_other_code_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(launching, "_package_digest", lambda: "another")
+    with (
+        worker_processes(1) as ordered_map,
+        pytest.raises(ClusterError, match="has another version of addressed-dynamics"),
+    ):
+        list(ordered_map(squared, [1]))
+
+
+@pytest.mark.usefixtures("cluster")
+def test_a_worker_that_does_not_see_the_folder_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    elsewhere = tmp_path / "project"
+    elsewhere.mkdir()
+    monkeypatch.chdir(elsewhere)
+    with worker_processes(1) as ordered_map:
+        elsewhere.rmdir()
+        monkeypatch.setattr(Path, "cwd", lambda: elsewhere)
+        with pytest.raises(ClusterError, match="does not see the folder"):
+            list(ordered_map(squared, [1]))
+
+
+def test_ray_for_one_command_listens_on_the_loopback_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(launching.ENGINE, "ray")
+    with worker_processes(1) as ordered_map:
+        assert [square for square, _ in ordered_map(squared, [3])] == [9]
+        listening = {
+            connection.laddr.ip
+            for process in psutil.Process().children(recursive=True)
+            for connection in process.net_connections("inet")
+            if connection.status == psutil.CONN_LISTEN
+        }
+    assert listening <= {"127.0.0.1", "::1", "::ffff:127.0.0.1"}
+    assert listening
+
+
+def test_where_no_ray_answers_one_line_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(launching.ENGINE, "ray:127.0.0.1:9")
+    with pytest.raises(ClusterError, match=r"no Ray answers at 127\.0\.0\.1:9"), worker_processes(1):
+        pass
