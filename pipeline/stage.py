@@ -13,6 +13,7 @@ from typing import Any, NoReturn
 
 from tqdm import tqdm
 
+from addressed_dynamics.base.cluster import ENGINE, engine
 from addressed_dynamics.base.errors import AddressedDynamicsError, ParamsError
 from addressed_dynamics.base.params.experiments import replaced_keys
 
@@ -22,6 +23,8 @@ REPLACED_SHOWN = 8
 """So many keys are named that another params file takes the place of."""
 PROCESSES = "ADDRESSED_DYNAMICS_PROCESSES"
 """Environment variable with the number of trainings at the same time."""
+WORKERS = "ADDRESSED_DYNAMICS_WORKERS"
+"""Environment variable with the number of workers of a cluster that train one ensemble together."""
 
 
 def raw_dir(experiment: str) -> Path:
@@ -73,11 +76,28 @@ def training_processes() -> int:
     Raises:
         ParamsError: the variable is no positive whole number.
     """
-    asked = os.environ.get(PROCESSES)
+    return _positive(PROCESSES, available_cores())
+
+
+def training_workers() -> int:
+    """Return how many workers of a cluster train one ensemble together: 1, or what `ADDRESSED_DYNAMICS_WORKERS` says.
+
+    Raises:
+        ParamsError: the variable is no positive whole number, or there is no cluster whose workers these could be.
+    """
+    workers = _positive(WORKERS, 1)
+    if workers > 1 and engine() is None:
+        message = f"{WORKERS} is {workers}, but the workers are those of a cluster; say which one in {ENGINE}"
+        raise ParamsError(message)
+    return workers
+
+
+def _positive(variable: str, default: int) -> int:
+    asked = os.environ.get(variable)
     if asked is None:
-        return available_cores()
+        return default
     if not asked.isdecimal() or int(asked) < 1:
-        message = f"{PROCESSES} should be a positive whole number, but is '{asked}'; unset it for one process a core"
+        message = f"{variable} should be a positive whole number, but is '{asked}'; unset it for {default}"
         raise ParamsError(message)
     return int(asked)
 

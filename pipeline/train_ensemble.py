@@ -4,7 +4,7 @@ from addressed_dynamics.base.kinds import supplied
 from addressed_dynamics.base.params.experiments import load_experiment
 from addressed_dynamics.base.torch_runtime import prepare_torch
 from pipeline.choosing import choice_words, choose_members
-from pipeline.stage import Call, figures_dir, median_of, run_stage, tables_dir, training_processes
+from pipeline.stage import Call, figures_dir, median_of, run_stage, tables_dir, training_processes, training_workers
 from pipeline.trainings import Stage, remove_checkpoints, train_ensembles
 
 
@@ -13,7 +13,7 @@ def main(call: Call) -> str:
     sections, kind = load_experiment(call.params_file, call.experiment, call.kind), supplied("features", call.kind)
     prepare_torch(threads=1)
     data = kind.load_training_data(tables_dir(call.experiment), sections, sections.features)
-    stage = Stage("train_ensemble", call.experiment, call.params_file, training_processes())
+    stage = Stage("train_ensemble", call.experiment, call.params_file, training_processes(), training_workers())
     params, members, brief_jobs = choose_members(stage, data, sections.ensemble)
     choices = {**data.choices, **({"members": members} if members else {})}
     features = sections.features.model_dump(mode="json") | {name: each.chosen for name, each in data.choices.items()}

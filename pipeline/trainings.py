@@ -72,6 +72,8 @@ class Stage:
     """Where the params come from."""
     processes: int
     """Trainings at the same time."""
+    workers: int = 1
+    """Workers of a cluster that do each of them together."""
 
 
 def train_tracked(
@@ -89,7 +91,8 @@ def train_tracked(
     with ExitStack() as stack:
         runs = dict[str, tracking.Run]()
         bar = stack.enter_context(progress(stage.name, "epoch"))
-        for name, epoch in run_jobs({name: tracked.job for name, tracked in jobs.items()}, processes=stage.processes):
+        todo = {name: tracked.job for name, tracked in jobs.items()}
+        for name, epoch in run_jobs(todo, processes=stage.processes, workers=stage.workers):
             if name not in runs:
                 runs[name] = stack.enter_context(
                     tracking.run(

@@ -13,6 +13,7 @@ from addressed_dynamics.base.errors import TrainingError
 from addressed_dynamics.training.checkpoints import Checkpoint
 from addressed_dynamics.training.ensemble import train_ensemble
 from addressed_dynamics.training.epochs import Epoch
+from addressed_dynamics.training.shares import Shares
 
 
 def squared(number: int) -> tuple[int, int]:
@@ -39,16 +40,23 @@ def failing(_: int) -> None:
     raise TrainingError(message)
 
 
-def trained(seed: int, folder: Path, deadly_epoch: int | None = None, slow: float = 0.0) -> Iterator[Epoch]:
-    """Train a small ensemble with a checkpoint; be killed once after an epoch, if one is given."""
+def trained(
+    seed: int, folder: Path, deadly_epoch: int | None = None, slow: float = 0.0, shares: int = 1, deadly_rank: int = 0
+) -> Iterator[Epoch]:
+    """Train a small ensemble with a checkpoint; be killed once after an epoch, if one is given.
+
+    If several do so together, it is the one of `deadly_rank` that is killed.
+    """
     _, train, validation = car_samples()
     checkpoint = Checkpoint(folder / f"{seed}.safetensors")
     died = folder / f"{seed}.died"
-    for epoch in train_ensemble(train, validation, ENSEMBLE, seed=seed, loss_unit=1.0, checkpoint=checkpoint):
+    params = ENSEMBLE.model_copy(update={"shares": shares})
+    for epoch in train_ensemble(train, validation, params, seed=seed, loss_unit=1.0, checkpoint=checkpoint):
         yield epoch
         with (folder / "workers").open("a", encoding="utf-8") as log:
             log.write(f"{seed} {os.getpid()} {epoch.index}\n")
         time.sleep(slow)
-        if epoch.index == deadly_epoch and not died.exists():
+        rank = Shares.here(shares).rank
+        if epoch.index == deadly_epoch and rank == deadly_rank and not died.exists():
             died.touch()
             os.kill(os.getpid(), signal.SIGKILL)

@@ -41,9 +41,9 @@ def convert(recording: Path, folder: Path) -> dict[str, bytes]:
     return bytes_of(folder)
 
 
-def ended(jobs: dict[str, Any]) -> tuple[list[tuple[str, int, dict[str, float]]], dict[str, bytes]]:
+def ended(jobs: dict[str, Any], workers: int = 1) -> tuple[list[tuple[str, int, dict[str, float]]], dict[str, bytes]]:
     """Return name, index and metrics of every epoch by name and index, and the networks of the last ones."""
-    epochs = list(run_jobs(jobs, processes=1))
+    epochs = list(run_jobs(jobs, processes=1, workers=workers))
     told = sorted(((name, epoch.index, epoch.metrics) for name, epoch in epochs), key=lambda each: each[:2])
     return told, {name: weights(epoch) for name, epoch in epochs if epoch.last}
 
@@ -99,6 +99,31 @@ def test_two_trainings_end_as_they_do_here(tmp_path: Path, monkeypatch: pytest.M
     assert (there / "1.died").exists()
     monkeypatch.setenv(launching.ENGINE, "local")
     assert on_cluster == ended({f"seed-{seed}": partial(trained, seed, here) for seed in (0, 1)})
+
+
+@pytest.mark.usefixtures("cluster")
+@pytest.mark.parametrize("deadly_rank", [None, 0, 1])
+def test_two_workers_train_one_ensemble_to_the_bytes_of_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, deadly_rank: int | None
+) -> None:
+    """Also if one of the two is killed in the middle: both begin anew, from the checkpoint."""
+    there, here = tmp_path / "there", tmp_path / "here"
+    there.mkdir()
+    here.mkdir()
+    deadly = {} if deadly_rank is None else {"deadly_epoch": 3, "deadly_rank": deadly_rank}
+    on_cluster = ended({"seed-0": partial(trained, 0, there, shares=4, **deadly)}, workers=2)
+    workers = {line.split()[1] for line in (there / "workers").read_text().splitlines()}
+    assert len(workers) >= 2
+    assert (there / "0.died").exists() == (deadly_rank is not None)
+    monkeypatch.setenv(launching.ENGINE, "local")
+    assert on_cluster == ended({"seed-0": partial(trained, 0, here, shares=4)})
+    assert not list(Path.cwd().glob(".*.meeting"))
+
+
+@pytest.mark.usefixtures("cluster")
+def test_more_workers_than_cores_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(ClusterError, match="9 workers are asked for, but the cluster has 2 cores"):
+        ended({"seed-0": partial(trained, 0, tmp_path, shares=9)}, workers=9)
 
 
 def test_a_node_that_leaves_takes_nothing_along(cluster: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,9 +14,11 @@ import shutil
 import socket
 import sys
 import tempfile
+import uuid
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from datetime import timedelta
 from functools import cache, partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -33,6 +35,8 @@ ENGINE = "ADDRESSED_DYNAMICS_ENGINE"
 for a cluster that runs."""
 RETRIES = 3
 """So often an item is begun anew whose worker or machine was lost."""
+PEERS_ANSWER = timedelta(minutes=10)
+"""After so long without a word of the others, a task that works together with them gives up."""
 ANSWER_SECONDS = 5.0
 """After so long without an answer, there is no Ray at an address."""
 
@@ -90,38 +94,117 @@ def cluster_map(where: Ray) -> Iterator[Callable[[Callable[[Item], Result], Sequ
 
 @contextmanager
 def cluster_streams(
-    where: Ray, jobs: Mapping[str, Callable[[], Iterator[Result]]]
+    where: Ray, jobs: Mapping[str, Callable[[], Iterator[Result]]], workers: int = 1
 ) -> Iterator[Iterator[tuple[str, Result]]]:
     """Yield what the jobs yield, each with the name of its job, as it comes; every job is a task of Ray's.
 
     A job whose worker is lost begins anew: what it yielded before is not yielded twice, so it has to yield the same.
 
+    With several workers each job is run by so many tasks at the same time, which `torch.distributed` has made a group
+    of; what the first of them yields counts. If one is lost, all begin anew.
+
     Raises:
-        ClusterError: as in `cluster_map`.
+        ClusterError: as in `cluster_map`; or the cluster has fewer cores than `workers`.
     """
     with _connected(where) as ray:
-        task = ray.remote(num_cpus=1, max_retries=RETRIES, num_returns="streaming")(_stream_at_home)
-        left = {task.remote(_Home.here(), pickle.dumps(job)): name for name, job in jobs.items()}
-
-        def stream() -> Iterator[tuple[str, Result]]:
-            while left:
-                with _said(ray):
-                    ready, _ = ray.wait(list(left), num_returns=1)
-                for generator in ready:
-                    name = left[generator]
-                    with _said(ray):
-                        reference = next(generator, None)
-                        answer = None if reference is None else ray.get(reference)
-                    if answer is None:
-                        del left[generator]
-                    else:
-                        yield name, _opened(answer)
-
+        cores = int(ray.cluster_resources().get("CPU", 0))
+        if workers > cores:
+            message = (
+                f"{workers} workers are asked for, but the cluster has {cores} cores; ask for fewer, or add machines"
+            )
+            raise ClusterError(message)
+        teams = {name: _Team(ray, job, workers) for name, job in jobs.items()}
         try:
-            yield stream()
+            yield _streamed(ray, teams, at_once=max(cores // workers, 1))
         finally:
-            for generator in left:
-                ray.cancel(generator, force=True)
+            for team in teams.values():
+                team.end()
+
+
+def _streamed(ray: Any, waiting: Mapping[str, _Team], at_once: int) -> Iterator[tuple[str, Any]]:
+    left, running = dict(waiting), dict[Any, tuple[str, _Team]]()
+    while left or running:
+        while left and len(running) < at_once:
+            name = next(iter(left))
+            team = left.pop(name)
+            running[team.begin()] = (name, team)
+        ready, _ = ray.wait(list(running), num_returns=1)
+        for stream in ready:
+            name, team = running.pop(stream)
+            ended, results = team.read()
+            for result in results:
+                yield name, result
+            if not ended:
+                running[team.stream] = (name, team)
+
+
+class _Team:
+    """The tasks that run one job together: the first yields its results, the others do their part of the work."""
+
+    def __init__(self, ray: Any, job: Callable[[], Iterator[Any]], workers: int) -> None:
+        self._ray, self._job, self._workers = ray, pickle.dumps(job), workers
+        self._home = _Home.here()
+        self._others: list[Any] = []
+        self._meeting: Path | None = None
+        self._lost = self._yielded = self._skipped = 0
+        self.stream: Any = None
+        """What Ray says by that the first task has yielded something or has ended."""
+
+    def begin(self) -> Any:
+        """Start all tasks; return the stream."""
+        ray = self._ray
+        self._meeting = Path.cwd() / f".{uuid.uuid4().hex}.meeting"
+        options = {"num_cpus": 1, "max_retries": 0}
+        roles = [_Role(rank, self._workers, self._meeting) for rank in range(self._workers)]
+        follow = ray.remote(**options)(_follow_at_home)
+        self._others = [follow.remote(self._home, self._job, role) for role in roles[1:]]
+        lead = ray.remote(**options, num_returns="streaming")(_stream_at_home)
+        self.stream = lead.remote(self._home, self._job, roles[0])
+        self._skipped = 0
+        return self.stream
+
+    def read(self) -> tuple[bool, list[Any]]:
+        """Return whether the job has ended, and its next result if there is one that was not returned before."""
+        try:
+            reference = next(self.stream, None)
+            if reference is None:
+                self._ray.get(self._others)
+                return True, []
+            result = pickle.loads(self._ray.get(reference))
+            if isinstance(result, Failure):
+                self._raise_loss_of_others()
+                raise result.exception()
+        except self._ray.exceptions.RayError as error:
+            self._begin_anew(error)
+            return False, []
+        self._skipped += 1
+        if self._skipped <= self._yielded:
+            return False, []
+        self._yielded += 1
+        return False, [result]
+
+    def end(self) -> None:
+        """Stop whatever still runs, and clear away what the tasks met by."""
+        for task in [*self._others, *([] if self.stream is None else [self.stream])]:
+            self._ray.cancel(task, force=True)
+        if self._meeting is not None:
+            self._meeting.unlink(missing_ok=True)
+
+    def _raise_loss_of_others(self) -> None:
+        """Raise what became of another task that is lost: what the first one then says is only that it is alone."""
+        ended, _ = (
+            self._ray.wait(self._others, num_returns=len(self._others), timeout=ANSWER_SECONDS)
+            if self._others
+            else ([], [])
+        )
+        self._ray.get(ended)
+
+    def _begin_anew(self, error: Exception) -> None:
+        self._lost += 1
+        if self._lost > RETRIES:
+            raise ClusterError(_lost(error)) from error
+        self.end()
+        self.begin()
 
 
 @dataclass(frozen=True)
@@ -158,6 +241,33 @@ class _Home:
             raise ClusterError(message) from error
 
 
+@dataclass(frozen=True)
+class _Role:
+    """Which of the tasks of a job this is."""
+
+    rank: int
+    workers: int
+    meeting: Path
+    """The file by which the tasks find each other, in the folder of who asked."""
+
+    @contextmanager
+    def played(self) -> Iterator[None]:
+        """Be in a group of `torch.distributed` meanwhile, if there are several."""
+        if self.workers == 1:
+            yield
+            return
+        from torch import distributed
+
+        try:
+            distributed.init_process_group(
+                "gloo", init_method=self.meeting.as_uri(), rank=self.rank, world_size=self.workers, timeout=PEERS_ANSWER
+            )
+            yield
+        finally:
+            if distributed.is_initialized():
+                distributed.destroy_process_group()
+
+
 @cache
 def _package_digest() -> str:
     return hash_sources([Path(__file__).parent.parent])
@@ -172,14 +282,26 @@ def _at_home(home: _Home, payload: bytes) -> bytes:
         return pickle.dumps(Failure.of(error))
 
 
-def _stream_at_home(home: _Home, payload: bytes) -> Iterator[bytes]:
+def _stream_at_home(home: _Home, payload: bytes, role: _Role) -> Iterator[bytes]:
     """Yield the same of what a job yields."""
     try:
         home.enter()
-        for result in pickle.loads(payload)():
-            yield pickle.dumps(result)
+        with role.played():
+            for result in pickle.loads(payload)():
+                yield pickle.dumps(result)
     except Exception as error:
         yield pickle.dumps(Failure.of(error))
+
+
+def _follow_at_home(home: _Home, payload: bytes, role: _Role) -> None:
+    """Do a part of the work of a job. What goes wrong, the first of its tasks says, too."""
+    try:
+        home.enter()
+        with role.played():
+            for _ in pickle.loads(payload)():
+                pass
+    except Exception:
+        return
 
 
 def _opened(answer: bytes) -> Any:
@@ -198,6 +320,7 @@ def _connected(where: Ray) -> Iterator[Any]:
         # The one way to have all of its servers on this machine alone: by default they listen to everybody, and
         # _node_ip_address="127.0.0.1" is replaced by the machine's address (ray 2.60.0).
         os.environ.setdefault("RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER", "0")
+        os.environ.setdefault("GLOO_SOCKET_IFNAME", "lo")
     try:
         import ray
     except ImportError as error:
@@ -274,9 +397,12 @@ def _said(ray: Any) -> Iterator[None]:
     try:
         yield
     except ray.exceptions.RayError as error:
-        text = " ".join(str(error).split())
-        message = (
-            f"Ray lost a task more often than {RETRIES} times ({type(error).__name__}: {text[:300]}); run the stage "
-            "again, and see the machines' memory and Ray's logs"
-        )
-        raise ClusterError(message) from error
+        raise ClusterError(_lost(error)) from error
+
+
+def _lost(error: Exception) -> str:
+    text = " ".join(str(error).split())
+    return (
+        f"Ray lost a task more often than {RETRIES} times ({type(error).__name__}: {text[:300]}); run the stage again, "
+        "and see the machines' memory and Ray's logs"
+    )

@@ -41,13 +41,14 @@ class FlatAdam:
         self.updates = 0
         self._flat = torch.cat([parameter.detach().flatten() for parameter in own])
         self._decayed = self._flat[:decayed]
-        self._gradient = torch.zeros_like(self._flat)
+        self.gradient = torch.zeros_like(self._flat)
+        """All gradients as one tensor."""
         self._first_moment, self._second_moment = torch.zeros_like(self._flat), torch.zeros_like(self._flat)
         self._adam_step = torch.tensor(0.0)
         shapes = [parameter.shape for parameter in own]
         self.values: list[Float[Tensor, ...]] = _views(self._flat, shapes)
         """The parameters, without autograd's bookkeeping."""
-        self.gradients: list[Float[Tensor, ...]] = _views(self._gradient, shapes)
+        self.gradients: list[Float[Tensor, ...]] = _views(self.gradient, shapes)
         """Where `step` expects their gradients."""
         for parameter, view in zip(own, self.values, strict=True):
             parameter.data = view
@@ -59,7 +60,7 @@ class FlatAdam:
             self._decayed.mul_(1.0 - self.learning_rate * self._weight_decay)
         # The function that torch.optim.Adam calls: the class around it costs a small network as much as its products.
         adam(
-            [self._flat], [self._gradient], [self._first_moment], [self._second_moment], [], [self._adam_step],
+            [self._flat], [self.gradient], [self._first_moment], [self._second_moment], [], [self._adam_step],
             fused=True, amsgrad=False, beta1=self._schedule.betas[0], beta2=self._schedule.betas[1],
             lr=self.learning_rate, weight_decay=0.0, eps=1e-8, maximize=False,
         )  # fmt: skip

@@ -20,6 +20,7 @@ from addressed_dynamics.training.checkpoints import Checkpoint
 from addressed_dynamics.training.clustering import assign_to_bins, draw_bins
 from addressed_dynamics.training.epochs import Batch, Epoch, Length, batches, overlapping
 from addressed_dynamics.training.losses import REGRESSION_LOSSES, loss_per_sample, loss_profile, reported_loss
+from addressed_dynamics.training.shares import ALONE, Shares
 from addressed_dynamics.training.stopping import Stopping
 from addressed_dynamics.training.update import StackTrainer
 
@@ -82,6 +83,10 @@ def train_ensemble(
 
     With `augment` the members train on what it makes of their batches; bins and metrics are of the samples as they are.
 
+    With `params.shares` of more than one, every batch is divided into so many parts and their gradients are added, by
+    one process or by several that `torch.distributed` has made a group of: the networks are the same, bit for bit,
+    whatever their number, and those of one share up to rounding.
+
     With a checkpoint, training goes on from it if it exists: the epochs before it are yielded again with their metrics
     (and the networks as they are after the last of them), and it ends as it would have without the interruption.
 
@@ -106,6 +111,7 @@ def train_ensemble(
         message = f"the networks start again after {search} epochs, but {updates} updates end before that: give more"
         raise TrainingError(message)
 
+    shares = Shares.here(params.shares)
     start = _linear_start(train, validation, params) if params.linear else None
 
     def begin(epoch: int) -> StackTrainer:
@@ -139,7 +145,7 @@ def train_ensemble(
             trainer = begin(epoch)
         stack, previous = trainer.stack, bins
         if binning != "random" and epoch <= params.cluster_epochs:
-            profiles = evaluate_profiles(stack, train, params.loss)
+            profiles = evaluate_profiles(stack, train, params.loss, shares=shares)
             bins = _equal_bins(profiles, params, epoch, generator) if binning == "equal" else profiles.argmin(dim=1)
             if params.overlap:
                 near = _best_of_the_others(profiles, bins)
@@ -149,18 +155,18 @@ def train_ensemble(
             passed = overlapping(passed, near, members, params.overlap, generator)
         passed = islice(passed, length.updates_in(epoch))
         horizon = horizon_in(epoch - search, length.epochs - search, params.horizon)
-        member_losses = _train_one_epoch(trainer, train, passed, generator, augment, horizon) * loss_unit
+        member_losses = _train_one_epoch(trainer, train, passed, generator, augment, horizon, shares) * loss_unit
         metrics = {"loss/train": float(member_losses.mean()), "learning_rate": rate}
         metrics |= {f"loss_member/{k}": float(loss) for k, loss in enumerate(member_losses)}
-        metrics |= specialisation(evaluate_profiles(stack, validation, reported) * loss_unit)
+        metrics |= specialisation(evaluate_profiles(stack, validation, reported, shares=shares) * loss_unit)
         if params.horizon > 1:
-            unrolled = evaluate_profiles(stack, validation, reported, params.horizon) * loss_unit
+            unrolled = evaluate_profiles(stack, validation, reported, params.horizon, shares) * loss_unit
             metrics |= {"horizon": float(horizon), "loss/rollout": float(unrolled.min(dim=1).values.double().mean())}
         metrics["bins/changed"] = float((bins != previous).double().mean()) if epoch > 1 else 1.0
         history.append(metrics)
         if params.early_stopping and stopping.kept(history) == epoch:
             kept = trainer.parameters()
-        if checkpoint:
+        if checkpoint and shares.leads:
             state = {**trainer.state(), "bins": bins, "generator": generator.get_state()}
             state |= {"kept": kept} if params.early_stopping else {}
             checkpoint.save(history, state | ({"near": near} if params.overlap else {}))
@@ -201,18 +207,21 @@ def _start_from(start: Ridge, stack: StackedMLP) -> None:
 
 
 def evaluate_profiles(
-    stack: StackedMLP, samples: Samples, loss: str, horizon: int = 1
+    stack: StackedMLP, samples: Samples, loss: str, horizon: int = 1, shares: Shares = ALONE
 ) -> Float[Tensor, "sample member"]:
     """Return the loss profile of every sample, in the unit of the normalised targets.
 
     With a horizon of several steps, a loss is the mean over the steps from a sample that are known, `horizon` at most,
-    in which a member goes on from its own predictions.
+    in which a member goes on from its own predictions. Of several processes each evaluates some of the samples.
     """
-    everything = torch.arange(len(samples))
-    if horizon > 1:
-        return in_chunks(lambda rows: _unrolled(stack, samples, rows, loss, horizon), everything, sample_dim=0)
-    outputs = in_chunks(lambda rows: stack.forward_all(samples.x[rows]), everything, sample_dim=1)
-    return loss_profile(outputs, samples.y, loss)
+
+    def profiles(rows: Int64[Tensor, " sample"]) -> Float[Tensor, "sample member"]:
+        if horizon > 1:
+            return in_chunks(lambda part: _unrolled(stack, samples, part, loss, horizon), rows, sample_dim=0)
+        outputs = in_chunks(lambda part: stack.forward_all(samples.x[part]), rows, sample_dim=1)
+        return loss_profile(outputs, samples.y[rows], loss)
+
+    return shares.of_all(profiles, len(samples))
 
 
 def _unrolled(
@@ -299,12 +308,16 @@ def _train_one_epoch(
     generator: torch.Generator,
     augment: Augment | None,
     horizon: int,
+    shares: Shares,
 ) -> Float[Tensor, " member"]:
     """Train every member on its batches; return each member's mean loss over the updates, as it is reported."""
     total = torch.zeros(trainer.stack.members, dtype=torch.float64)
     updates = 0
     for batch in passed:
         updates += 1
+        if shares.count > 1:
+            total += _update_in_shares(trainer, train, batch, generator, augment, horizon, shares)
+            continue
         if horizon > 1:
             total += trainer.update_unrolled(_courses(train), batch.rows, batch.weight, horizon)
             continue
@@ -316,3 +329,29 @@ def _train_one_epoch(
         message = "the training loss is not finite any more: lower ensemble.optimiser.learning_rate"
         raise TrainingError(message)
     return total / updates
+
+
+def _update_in_shares(
+    trainer: StackTrainer,
+    train: Samples,
+    batch: Batch,
+    generator: torch.Generator,
+    augment: Augment | None,
+    horizon: int,
+    shares: Shares,
+) -> Float[Tensor, " member"]:
+    """Train every member on a batch whose parts may be computed by several processes; return the members' losses."""
+    if horizon > 1:
+        courses = _courses(train)
+        return trainer.update_in_shares(
+            lambda part: trainer.gradients_unrolled(courses, batch.rows[:, part], batch.weight[:, part], horizon),
+            batch.rows.shape[1],
+            shares,
+        )
+    x, y = train.x[batch.rows], train.y[batch.rows]
+    if augment is not None:
+        # Of the whole batch, in every process: what is drawn does not depend on who has which part.
+        x, y = augment(x, y, generator)
+    return trainer.update_in_shares(
+        lambda part: trainer.gradients(x[:, part], y[:, part], batch.weight[:, part]), batch.rows.shape[1], shares
+    )

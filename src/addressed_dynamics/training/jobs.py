@@ -23,14 +23,15 @@ Job = Callable[[], Iterator[Epoch]]
 """A training to run: picklable, for instance a `functools.partial` of a training loop."""
 
 
-def run_jobs(jobs: Mapping[str, Job], *, processes: int) -> Iterator[tuple[str, Epoch]]:
+def run_jobs(jobs: Mapping[str, Job], *, processes: int, workers: int = 1) -> Iterator[tuple[str, Epoch]]:
     """Run the jobs, at most `processes` at a time and each on one thread; yield (name, epoch) as epochs end.
 
     A job gives the same result whatever runs beside it. The network of an epoch is whole only in a job's last epoch if
     there is more than one process. Leaving the loop ends all jobs.
 
     If the environment asks for Ray, every job is one of its tasks, as many at once as the cluster has cores. A job
-    whose worker or machine is lost begins anew there, from its checkpoint if it has one.
+    whose worker or machine is lost begins anew there, from its checkpoint if it has one. Every job is then run by
+    `workers` tasks together, which divide its batches (`training.shares`); here, by one.
 
     Raises:
         AddressedDynamicsError: what a job raised; any other exception of a job comes through too, as it is.
@@ -38,7 +39,7 @@ def run_jobs(jobs: Mapping[str, Job], *, processes: int) -> Iterator[tuple[str, 
         ClusterError: Ray cannot be used, or lost a job too often.
     """
     if (cluster := engine()) is not None:
-        with cluster_streams(cluster, {name: partial(_alone, job) for name, job in jobs.items()}) as epochs:
+        with cluster_streams(cluster, {name: partial(_alone, job) for name, job in jobs.items()}, workers) as epochs:
             yield from epochs
         return
     if processes == 1 or len(jobs) == 1:

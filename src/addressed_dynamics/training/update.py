@@ -14,6 +14,7 @@ from addressed_dynamics.features.common.courses import Courses
 from addressed_dynamics.networks.stacked import Activation, StackedMLP
 from addressed_dynamics.training.adam import FlatAdam
 from addressed_dynamics.training.losses import MemberLoss
+from addressed_dynamics.training.shares import Shares
 
 
 class StackTrainer:
@@ -67,6 +68,30 @@ class StackTrainer:
         losses = self.gradients(x, target, weight)
         self._adam.step()
         return losses
+
+    @torch.no_grad()
+    def update_in_shares(
+        self, compute: Callable[[slice], Tensor], samples: int, shares: Shares
+    ) -> Float[Tensor, " member"]:
+        """Train every member on a batch whose parts may be computed by several processes; return the members' losses.
+
+        Args:
+            compute: takes which samples of the batch are a part, computes the gradient, as `gradients` and
+                `gradients_unrolled` do, and returns the members' losses; weights are those of the whole batch.
+            samples: number of samples of the batch.
+            shares: who computes which part.
+        """
+        members, gradient = self.stack.members, self._adam.gradient
+
+        def found(part: slice) -> Float[Tensor, " value"]:
+            if part.start == part.stop:
+                return gradient.new_zeros(members + len(gradient))
+            return torch.cat([compute(part), gradient])
+
+        total = shares.summed(found, samples)
+        gradient.copy_(total[members:])
+        self._adam.step()
+        return total[:members]
 
     def update_unrolled(
         self,

@@ -39,6 +39,9 @@ class EnsembleSection(Section):
     optimiser: OptimiserParams = OptimiserParams()
     batch_size: Count = 64
     """Samples per member and update."""
+    shares: Count = 1
+    """Parts of a batch whose gradients are added: up to so many workers of a cluster train one ensemble together. What
+    comes out depends on this number, by rounding, and not on that of the workers."""
     dropout: Dropout = 0.0
     """Share of every layer's inputs that are set to 0 in an update."""
     weight_decay: Annotated[float, Field(ge=0.0)] = 0.0
@@ -85,6 +88,9 @@ class EnsembleSection(Section):
     def _drops_nothing_on_the_way(self) -> EnsembleSection:
         if self.horizon > 1 and self.dropout:
             message = f"with a horizon of {self.horizon} steps dropout should be 0, but it is {self.dropout:g}"
+            raise ValueError(message)
+        if self.shares > 1 and self.dropout:
+            message = f"with {self.shares} shares dropout should be 0, but it is {self.dropout:g}"
             raise ValueError(message)
         return self
 
