@@ -9,7 +9,7 @@ from typing import Any
 
 import gymnasium
 
-from addressed_dynamics.base.errors import DriveError, ParamsError, RecordingError, SpaceError
+from addressed_dynamics.base.errors import DriveError, ModelError, ParamsError, RecordingError, SpaceError
 from addressed_dynamics.base.params.experiments import load_experiment, load_kind
 from addressed_dynamics.base.params.recording import EnvironmentParams
 from addressed_dynamics.envs import ACROBOT, CONTINUING_MOUNTAIN_CAR
@@ -17,11 +17,9 @@ from addressed_dynamics.episodes.transitions import DiscreteAction, SpaceSpec
 from addressed_dynamics.networks.files import read_index
 from addressed_dynamics.recording.environments import Environment, make_environment
 from addressed_dynamics.recording.spaces import space_spec
-from addressed_dynamics.simulators.delivery import find_parts
+from addressed_dynamics.simulators.delivery import MODELS, find_models, find_parts
 from addressed_dynamics.sources.transitions.params import EnvironmentRollouts
 
-MODELS = Path("data/models")
-"""Where the pipeline keeps the models of experiments."""
 LIMIT = "max_episode_steps"
 UNLIMITED = -1
 """What Gymnasium takes for no limit of time: a person says when an episode is over."""
@@ -56,17 +54,13 @@ def find(name: str, params: Path, candidate: str | None = None, models: Path = M
         DriveError: there is nothing of that name.
         ModelError: what is there is no model folder, or it has no such candidate.
     """
-    experiment = len(Path(name).parts) == 1 and (models / name).is_dir()
-    folder = models / name if experiment else Path(name)
-    if not folder.is_dir():
-        known = ", ".join(sorted(path.name for path in models.iterdir() if path.is_dir())) if models.is_dir() else ""
-        message = (
-            f"there is neither an experiment with models '{name}' nor a folder of that name "
-            f"(experiments with models in {models}: {known or 'none'}); 'dvc repro evaluate@{name}' makes them"
-        )
-        raise DriveError(message)
+    try:
+        folder = find_models(name, models)
+    except ModelError as error:
+        raise DriveError(str(error)) from error
     features = read_index(find_parts(folder, candidate, None, None).network, "config.json").get("features")
     kind = str(features.get("kind", "transitions")) if isinstance(features, dict) else "transitions"
+    experiment = folder != Path(name)
     if not (experiment and params.is_file() and load_kind(params, name) == kind):
         return Named(folder, folder.resolve().name, kind)
     section = _section(params, name, kind)

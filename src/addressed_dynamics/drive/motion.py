@@ -14,9 +14,8 @@ from jaxtyping import Float32
 from addressed_dynamics.base.errors import DriveError, ModelError
 from addressed_dynamics.drive.finding import Named
 from addressed_dynamics.drive.protocol import AnyMessage, Command
-from addressed_dynamics.drive.recorder import DriveRecorder, Recorded, driven_by_hand
+from addressed_dynamics.drive.recorder import DriveRecorder, Recorded, imagined_by_hand
 from addressed_dynamics.drive.session import Said, Session, plain
-from addressed_dynamics.envs import LEARNED
 from addressed_dynamics.episodes.layout import FRAME_RATE, JOINTS, OUTPUT
 from addressed_dynamics.episodes.transitions import ContinuousAction, Dimension, SpaceSpec
 from addressed_dynamics.evaluation.motion.closed_loop.commands import SLOWEST
@@ -184,9 +183,7 @@ class MotionSession(Session):
     def run_info(self) -> RunInfo:
         """Return what a recording says of itself: that it is what a model predicts."""
         model = self._driven.model
-        return driven_by_hand(
-            LEARNED, {"model": str(self._driven.folder), "which": str(model.origin or ""), "mode": model.mode}
-        )
+        return imagined_by_hand(self._driven.folder, model.origin, model.mode)
 
     def _commands(self) -> Commands:
         """Return what is asked, seen in the world, of everybody."""

@@ -12,19 +12,32 @@ import numpy as np
 from jaxtyping import Float32
 
 from addressed_dynamics.base.errors import DriveError, LogError
+from addressed_dynamics.envs import LEARNED
 from addressed_dynamics.episodes.transitions import SpaceSpec
 from addressed_dynamics.logs import RunInfo, TransitionLogWriter
+from addressed_dynamics.simulators.delivery import Origin
 
 BEHAVIOUR = "driven"
 """Who acted: a person."""
 _LIBRARIES = ("addressed-dynamics", "gymnasium", "numpy", "torch")
 
 
+def imagined_by_hand(folder: Path, origin: Origin | None, mode: str) -> RunInfo:
+    """Return what a log says of itself of a drive through what a model predicts.
+
+    Args:
+        folder: where its models are.
+        origin: which of them it is; None if its own folder was named.
+        mode: how the outputs of its networks are used.
+    """
+    return driven_by_hand(LEARNED, {"model": str(folder), "which": str(origin or ""), "mode": mode})
+
+
 def driven_by_hand(environment: str, kwargs: dict[str, object]) -> RunInfo:
     """Return what a log of a drive that begins now says of itself.
 
     Args:
-        environment: what was driven, the Gymnasium identifier of a learned environment for what a model predicts.
+        environment: Gymnasium identifier of what was driven.
         kwargs: how it was made; JSON-compatible.
     """
     return RunInfo(

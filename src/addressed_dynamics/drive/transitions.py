@@ -16,10 +16,9 @@ from addressed_dynamics.base.params.recording import EnvironmentParams
 from addressed_dynamics.drive.finding import Named, environment_of
 from addressed_dynamics.drive.imagined import COVERAGE, Calibrated, Imagined, Predicted
 from addressed_dynamics.drive.protocol import Act, AnyMessage, Exogenous, Plain
-from addressed_dynamics.drive.recorder import DriveRecorder, Recorded, driven_by_hand
+from addressed_dynamics.drive.recorder import DriveRecorder, Recorded, driven_by_hand, imagined_by_hand
 from addressed_dynamics.drive.session import Said, Session, plain
 from addressed_dynamics.drive.truth import Happened, Truth
-from addressed_dynamics.envs import LEARNED
 from addressed_dynamics.episodes.transitions import Dimension, DiscreteAction, SpaceSpec
 from addressed_dynamics.logs import RunInfo
 from addressed_dynamics.simulators.addressed import AddressedDynamics
@@ -185,9 +184,7 @@ class TransitionsSession(Session):
         if self._driven.environment is not None and self._truth is not None:
             return driven_by_hand(self._driven.environment.id, dict(self._driven.environment.kwargs))
         model = self._world.model
-        return driven_by_hand(
-            LEARNED, {"model": str(self._driven.folder), "which": str(model.origin or ""), "mode": model.mode}
-        )
+        return imagined_by_hand(self._driven.folder, model.origin, model.mode)
 
     def close(self) -> Path | None:
         """End the drive."""
@@ -324,7 +321,7 @@ def neutral_action(spaces: SpaceSpec, low: np.ndarray, high: np.ndarray) -> np.n
 
 def _action_bounds(world: World) -> tuple[np.ndarray, np.ndarray]:
     space = world.action_space
-    return (np.empty(0), np.empty(0)) if not space.shape else (space.low, space.high)  # type: ignore[union-attr]
+    return (space.low, space.high) if isinstance(space, Box) else (np.empty(0), np.empty(0))
 
 
 def _names(spaces: SpaceSpec) -> tuple[str, ...]:

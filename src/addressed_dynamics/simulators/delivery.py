@@ -14,6 +14,8 @@ from addressed_dynamics.networks.files import addressed_folders, read_index
 from addressed_dynamics.training.baselines import OTHER_RECIPE
 from addressed_dynamics.training.references import LAST_CHANGE, LINEAR_FRAME
 
+MODELS = Path("data/models")
+"""Where the pipeline keeps the models of experiments."""
 FILE = "delivered.json"
 """Name of the file in a folder of models; the evaluation writes it."""
 ENSEMBLE = "ensemble"
@@ -153,7 +155,7 @@ def _age(folder: Path) -> str:
     return ""
 
 
-def find_models(name: str, models: Path = Path("data/models")) -> Path:
+def find_models(name: str, models: Path = MODELS) -> Path:
     """Return the folder that is meant by the name of an experiment with models, or by a folder.
 
     Raises:
