@@ -21,9 +21,7 @@ from addressed_dynamics.evaluation.common.bootstrap import (
     Ratio,
     weighted_medians,
 )
-
-UNMOVED = "persistence"
-"""The candidate that predicts that nothing changes: its errors depend on the test data alone."""
+from addressed_dynamics.evaluation.transitions.records import NOTHING
 
 Weights = Int64[np.ndarray, "draw part"]
 Statistic = Callable[[Weights], Float64[np.ndarray, " draw"]]
@@ -141,7 +139,8 @@ def _share(one: Int64[np.ndarray, " episode"], other: Int64[np.ndarray, " episod
 def _same_rollouts(first: EpisodeErrors, second: EpisodeErrors) -> bool:
     if not np.array_equal(first.rollout_episode, second.rollout_episode):
         return False
-    still = [next((name for name in each.rollouts if name.startswith(UNMOVED)), None) for each in (first, second)]
+    # The errors of what predicts that nothing changes depend on the test data alone.
+    still = [next((name for name in each.rollouts if name.startswith(NOTHING)), None) for each in (first, second)]
     if still[0] is None or still[1] is None:
         return False
     return bool(np.allclose(first.rollouts[still[0]], second.rollouts[still[1]], rtol=1e-5, atol=0.0))

@@ -17,9 +17,10 @@ from typing import Any, final
 import numpy as np
 import yaml  # type: ignore[import-untyped]  # as in base/versions.py
 
+from addressed_dynamics.base.dotted import dotted
 from addressed_dynamics.base.errors import ParamsError
 from addressed_dynamics.base.params.experiments import EXTENDS, load_experiment, parse_params
-from addressed_dynamics.comparing.versions import ComparisonError, EpisodeErrors, Version, flat
+from addressed_dynamics.comparing.versions import ComparisonError, EpisodeErrors, Version
 
 WORKSPACE = "workspace"
 """What the files are called that are checked out, as DVC calls them."""
@@ -194,10 +195,10 @@ def _params(revision: Revision, experiment: str) -> tuple[dict[str, Any], list[s
         _write_params(revision, file, Path(folder))
         try:
             sections = load_experiment(Path(folder) / file, experiment, str(entry.get("kind", "transitions")))
-            return own | dict(flat(sections.model_dump(mode="json"))), []
+            return own | dict(dotted(sections.model_dump(mode="json"))), []
         except ParamsError as error:
             reason = str(error).replace(f"{folder}/", "")
-    written = dict(flat(revision.params.get(experiment) or {}))
+    written = dict(dotted(revision.params.get(experiment) or {}))
     return own | written, [f"its params are of another version, so defaults are not compared ({reason})"]
 
 
@@ -236,7 +237,7 @@ def _is_code(path: str) -> bool:
 
 
 def _counts(data: Mapping[str, Any]) -> Iterator[tuple[str, float]]:
-    for key, value in flat({name: data[name] for name in _COUNTED if name in data}):
+    for key, value in dotted({name: data[name] for name in _COUNTED if name in data}):
         if isinstance(value, int | float) and key.count(".") < _DEPTH:
             yield key, value
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, final
 
@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from addressed_dynamics.base.errors import AddressedDynamicsError
+from addressed_dynamics.evaluation.transitions.records import ADDRESSED
 
 
 class ComparisonError(AddressedDynamicsError):
@@ -90,17 +91,8 @@ class Version:
             name = (self.evaluation.get(key) or {}).get("candidate")
             if name in self.candidates:
                 return str(name)
-        return "ensemble/argmax" if "ensemble/argmax" in self.candidates else None
+        return ADDRESSED if ADDRESSED in self.candidates else None
 
     def label(self, candidate: str) -> str:
         """Return what people call a model."""
         return str(self.candidates.get(candidate, {}).get("label", candidate))
-
-
-def flat(tree: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield what is in nested mappings by dotted keys; an empty mapping stays."""
-    if isinstance(tree, Mapping) and tree:
-        for key, value in tree.items():
-            yield from flat(value, f"{prefix}.{key}" if prefix else str(key))
-    else:
-        yield prefix, tree

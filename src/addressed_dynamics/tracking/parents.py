@@ -11,11 +11,12 @@ import hashlib
 import json
 import os
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from addressed_dynamics.base.dotted import dotted
 from addressed_dynamics.base.errors import AddressedDynamicsError
 from addressed_dynamics.base.params.experiments import load_experiment, load_kind
 from addressed_dynamics.base.versions import code_version, data_digest, git_commit
@@ -99,22 +100,17 @@ class Parents:
         client.set_terminated(run_id, status)
 
 
-def flatten(params: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Yield the params by dotted keys, as texts."""
-    for key, value in params.items():
-        if isinstance(value, Mapping):
-            yield from flatten(value, f"{prefix}{key}.")
-        else:
-            yield f"{prefix}{key}", value if isinstance(value, str) else json.dumps(value)
-
-
 def log_params(client: Any, run_id: str, params: Mapping[str, Any]) -> None:
-    """Send params, in as many requests as it takes."""
+    """Send params by dotted keys, as texts, in as many requests as it takes; a section without any is left out."""
     from mlflow.entities import Param
 
-    flat = [Param(key, value) for key, value in flatten(params)]
-    for begin in range(0, len(flat), _MOST_PARAMS):
-        client.log_batch(run_id, params=flat[begin : begin + _MOST_PARAMS])
+    found = [
+        Param(key, value if isinstance(value, str) else json.dumps(value))
+        for key, value in dotted(params)
+        if not isinstance(value, Mapping)
+    ]
+    for begin in range(0, len(found), _MOST_PARAMS):
+        client.log_batch(run_id, params=found[begin : begin + _MOST_PARAMS])
 
 
 def _create(client: Any, experiment_id: str, pipeline: Pipeline, tags: Mapping[str, str]) -> str:
