@@ -14,16 +14,16 @@ from jaxtyping import Float64, Int64
 
 from addressed_dynamics.comparing.versions import EpisodeErrors
 from addressed_dynamics.evaluation.common.bootstrap import (
-    COVERAGE,
-    DRAWS,
     FEWEST_EPISODES,
     SEED,
     Ratio,
+    Weights,
+    draws,
+    ratio_in_draws,
     weighted_medians,
 )
 from addressed_dynamics.evaluation.transitions.records import NOTHING
 
-Weights = Int64[np.ndarray, "draw part"]
 Statistic = Callable[[Weights], Float64[np.ndarray, " draw"]]
 
 
@@ -96,40 +96,27 @@ def rollouts_beside(
 def _means(errors: EpisodeErrors, name: str, among: Int64[np.ndarray, " episode"] | None) -> _Side:
     kept = np.ones(len(errors.episode), dtype=bool) if among is None else np.isin(errors.episode, among)
     losses, samples = errors.one_step[name][kept], errors.samples[kept]
-    return _Side(errors.episode[kept], lambda draws: (draws @ losses) / np.maximum(draws @ samples, 1))
+    return _Side(errors.episode[kept], lambda drawn: (drawn @ losses) / np.maximum(drawn @ samples, 1))
 
 
 def _medians(errors: EpisodeErrors, name: str, weights: Float64[np.ndarray, " observation"]) -> _Side:
     values = errors.rollouts[name] @ weights
-    return _Side(errors.rollout_episode, lambda draws: weighted_medians(values, draws))
+    return _Side(errors.rollout_episode, lambda drawn: weighted_medians(values, drawn))
 
 
 def _beside(first: _Side, second: _Side, *, paired: bool) -> Beside:
     values = first.value(), second.value()
-    return Beside(*values, _ratio(first, second, values, paired=paired), paired)
+    return Beside(*values, _ratio(first, second, paired=paired), paired)
 
 
-def _ratio(first: _Side, second: _Side, values: tuple[float, float], *, paired: bool) -> Ratio | None:
+def _ratio(first: _Side, second: _Side, *, paired: bool) -> Ratio | None:
     sides = first, second
-    fewest = min(len(np.unique(side.episode)) for side in sides)
-    if fewest < FEWEST_EPISODES or not values[0] > 0:
+    if min(len(np.unique(side.episode)) for side in sides) < FEWEST_EPISODES:
         return None
     # Paired, both draw the same episodes, for their numbers and so their places are the same.
     seeds = (SEED, SEED) if paired else (SEED, SEED + 1)
-    one, other = (side.statistic(_draws(side.episode, seed)) for side, seed in zip(sides, seeds, strict=True))
-    if not (one > 0).all():
-        return None
-    tail = (1.0 - COVERAGE) / 2.0
-    low, high = np.quantile(other / one, [tail, 1.0 - tail])
-    return Ratio(values[1] / values[0], float(low), float(high))
-
-
-def _draws(episode: Int64[np.ndarray, " part"], seed: int) -> Weights:
-    found, place = np.unique(episode, return_inverse=True)
-    number = len(found)
-    drawn = np.random.default_rng(seed).multinomial(number, np.full(number, 1.0 / number), size=DRAWS)
-    weights: Weights = drawn[:, place]
-    return weights
+    one, other = (side.statistic(draws(side.episode, seed)) for side, seed in zip(sides, seeds, strict=True))
+    return ratio_in_draws(other, one)
 
 
 def _share(one: Int64[np.ndarray, " episode"], other: Int64[np.ndarray, " episode"]) -> bool:

@@ -25,6 +25,8 @@ FEWEST_ROLLOUTS = 20
 
 Errors = Float64[np.ndarray, " part"]
 """Errors of a model in parts of episodes: one for each episode, or for each of its rollouts."""
+Weights = Int64[np.ndarray, "draw part"]
+"""How often each part is there in each draw."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +50,7 @@ def ratio_of_sums(errors: Errors, others: Errors, episode: Int64[np.ndarray, " p
     Returns:
         None with fewer than `FEWEST_EPISODES` episodes, or if the other's error is zero in a draw.
     """
-    return _ratio(errors, others, episode, lambda values, draws: draws @ values)
+    return _ratio(errors, others, episode, lambda values, weights: weights @ values)
 
 
 def ratio_of_medians(errors: Errors, others: Errors, episode: Int64[np.ndarray, " part"]) -> Ratio | None:
@@ -60,9 +62,7 @@ def ratio_of_medians(errors: Errors, others: Errors, episode: Int64[np.ndarray, 
     return _ratio(errors, others, episode, weighted_medians)
 
 
-def weighted_medians(
-    values: Float64[np.ndarray, " part"], weights: Int64[np.ndarray, "draw part"]
-) -> Float64[np.ndarray, " draw"]:
+def weighted_medians(values: Float64[np.ndarray, " part"], weights: Weights) -> Float64[np.ndarray, " draw"]:
     """Return the median of the values in each draw, in which each value is there so many times."""
     order = np.argsort(values, kind="stable")
     ordered, upto = values[order], np.cumsum(weights[:, order], axis=1)
@@ -72,28 +72,43 @@ def weighted_medians(
     return medians
 
 
-def _ratio(
-    errors: Errors,
-    others: Errors,
-    episode: Int64[np.ndarray, " part"],
-    statistic: Callable[[Errors, Int64[np.ndarray, "draw part"]], Float64[np.ndarray, " draw"]],
-) -> Ratio | None:
+def draws(episode: Int64[np.ndarray, " part"], seed: int = SEED) -> Weights:
+    """Return how often each part is there: all of them once, as they are, and then in each draw of episodes.
+
+    Args:
+        episode: which episode each part is of.
+        seed: where the draws come from; the same one draws the same of the same number of episodes.
+    """
     found, place = np.unique(episode, return_inverse=True)
-    if len(found) < FEWEST_EPISODES:
-        return None
     as_they_are = np.ones((1, len(found)), dtype=np.int64)
-    weights = np.concatenate([as_they_are, _draws(len(found))])[:, place]
-    own, other = statistic(errors, weights), statistic(others, weights)
-    if not (other > 0).all():
+    weights: Weights = np.concatenate([as_they_are, _drawn(len(found), seed)])[:, place]
+    return weights
+
+
+def ratio_in_draws(errors: Float64[np.ndarray, " draw"], others: Float64[np.ndarray, " draw"]) -> Ratio | None:
+    """Return the ratio of a statistic of two models under `draws`; None if the other's is zero in one of them."""
+    if not (others > 0).all():
         return None
-    ratios = own / other
+    ratios = errors / others
     tail = (1.0 - COVERAGE) / 2.0
     low, high = np.quantile(ratios[1:], [tail, 1.0 - tail])
     return Ratio(float(ratios[0]), float(low), float(high))
 
 
+def _ratio(
+    errors: Errors,
+    others: Errors,
+    episode: Int64[np.ndarray, " part"],
+    statistic: Callable[[Errors, Weights], Float64[np.ndarray, " draw"]],
+) -> Ratio | None:
+    if len(np.unique(episode)) < FEWEST_EPISODES:
+        return None
+    weights = draws(episode)
+    return ratio_in_draws(statistic(errors, weights), statistic(others, weights))
+
+
 @lru_cache(maxsize=4)
-def _draws(episodes: int) -> Int64[np.ndarray, "draw episode"]:
+def _drawn(episodes: int, seed: int) -> Int64[np.ndarray, "draw episode"]:
     """Return how often each episode is drawn, in their order by number."""
-    generator = np.random.default_rng(SEED)
+    generator = np.random.default_rng(seed)
     return generator.multinomial(episodes, np.full(episodes, 1.0 / episodes), size=DRAWS)
