@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 PARAMS = """
 params_file: params.yaml
@@ -36,6 +37,16 @@ def new_project(root: Path) -> Path:
     (root / ".dvc" / "config").write_text("[core]\n    analytics = false\n")
     (root / ".gitignore").write_text("/.dvc/cache\n/.mlflow\n/data/*/\n!/data/reports\n")
     git(root, "init", "--quiet", "--initial-branch", "main")
+    return root
+
+
+def begin_project(root: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A project whose first commit has results; it becomes the working directory, and nothing names another one."""
+    monkeypatch.chdir(new_project(root))
+    for name in ("DVC_ROOT", "DVC_EXP_NAME", "MLFLOW_TRACKING_URI"):
+        monkeypatch.delenv(name, raising=False)
+    write_results(root)
+    commit(root, "Begin")
     return root
 
 

@@ -6,16 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from learning import drive
-from trusted_models import linear_model, write_pair
+from trusted_models import write_mountaincar
 
-from addressed_dynamics.evaluation.transitions.calibration import calibrate
-from addressed_dynamics.evaluation.transitions.points import Points
 from addressed_dynamics.evaluation.transitions.starting import starts_of
-from addressed_dynamics.features.transitions.spec import fit_features
-from addressed_dynamics.simulators.delivery import Delivered, write_delivered
 from addressed_dynamics.simulators.starts import write_starts
-from addressed_dynamics.sources.transitions.params import FeatureParams
 
 USING = Path(__file__).parents[1] / "docs" / "simulator.md"
 
@@ -29,13 +23,7 @@ def programs(title: str) -> list[str]:
 @pytest.fixture
 def models(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder of models of a car, at the place where the pipeline has that of MountainCar."""
-    train, validation = drive((30,) * 12), drive((30,) * 8, seed=1)
-    features = fit_features(train, FeatureParams())
-    half = train.episode < 6
-    model, partner = linear_model(features, train.select(half)), linear_model(features, train.select(~half))
-    trust = calibrate(model, partner, Points.of(train, features), Points.of(validation, features), steps=10)
-    folder = write_pair(tmp_path / "data" / "models" / "mountaincar", model, partner, trust)
-    write_delivered(folder, Delivered(0, None, "argmax", candidate="total_parameters"))
+    folder, train = write_mountaincar(tmp_path)
     write_starts(folder, starts_of(train, 1))
     monkeypatch.chdir(tmp_path)
     return folder

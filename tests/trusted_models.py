@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from learning import drive
 
 from addressed_dynamics.base.files import write_json
 from addressed_dynamics.episodes.transitions import ContinuousAction, Dimension, SpaceSpec, Transitions
@@ -15,7 +16,7 @@ from addressed_dynamics.networks.files import SavedNetwork, save_network
 from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.simulators.addressed import AddressedDynamics
 from addressed_dynamics.simulators.calibrated import Calibrated, write_trust
-from addressed_dynamics.simulators.delivery import Origin
+from addressed_dynamics.simulators.delivery import Delivered, Origin, write_delivered
 from addressed_dynamics.simulators.trust import Trust, save_trust
 from addressed_dynamics.sources.transitions.params import FeatureParams
 
@@ -53,6 +54,16 @@ def drifting(episodes: int, seed: int, *, length: int = 40, gain: float = 0.5, s
     )
 
 
+def linear_pair(
+    features: FeatureSpec, train: Transitions, validation: Transitions, steps: int
+) -> tuple[AddressedDynamics, AddressedDynamics, Trust]:
+    """Return the lines through either half of the episodes, and what was calibrated for rollouts of so many steps."""
+    half = train.episode < len(np.unique(train.episode)) // 2
+    model, partner = linear_model(features, train.select(half)), linear_model(features, train.select(~half))
+    trust = calibrate(model, partner, Points.of(train, features), Points.of(validation, features), steps=steps)
+    return model, partner, trust
+
+
 def linear_model(features: FeatureSpec, data: Transitions) -> AddressedDynamics:
     """Return the least-squares line through some transitions as a model."""
     points = Points.of(data, features)
@@ -70,15 +81,22 @@ def trusted_model(history: int = 1) -> tuple[AddressedDynamics, AddressedDynamic
     """Return a model, the second one and what was calibrated on validation episodes."""
     train, validation = drifting(80, 0), drifting(40, 1)
     features = fit_features(train, FeatureParams(history=history))
-    half = train.episode < 40
-    model, partner = linear_model(features, train.select(half)), linear_model(features, train.select(~half))
-    trust = calibrate(model, partner, Points.of(train, features), Points.of(validation, features), steps=30)
+    model, partner, trust = linear_pair(features, train, validation, steps=30)
     return AddressedDynamics(features, model.ensemble, trust=trust), partner, trust
 
 
 def write_models(folder: Path) -> Path:
     """Write two models and the trust in one of them."""
     return write_pair(folder, *trusted_model())
+
+
+def write_mountaincar(root: Path) -> tuple[Path, Transitions]:
+    """Write two models of a car to where a pipeline in `root` has MountainCar's; return that and what they learned."""
+    train, validation = drive((30,) * 12), drive((30,) * 8, seed=1)
+    pair = linear_pair(fit_features(train, FeatureParams()), train, validation, steps=10)
+    folder = write_pair(root / "data" / "models" / "mountaincar", *pair)
+    write_delivered(folder, Delivered(0, None, "argmax", candidate="total_parameters"))
+    return folder, train
 
 
 def write_pair(folder: Path, model: AddressedDynamics, partner: AddressedDynamics, trust: Trust) -> Path:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from projects import commit, errors_by_episode, new_project, write_results
+from projects import begin_project, errors_by_episode, write_results
 
 from addressed_dynamics.cli import main as cli
 from addressed_dynamics.cli.compare_view import comparison_view
@@ -14,12 +14,7 @@ from addressed_dynamics.comparing.asking import compare_all
 
 @pytest.fixture
 def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    root = new_project(tmp_path / "project")
-    monkeypatch.chdir(root)
-    for name in ("DVC_ROOT", "MLFLOW_TRACKING_URI"):
-        monkeypatch.delenv(name, raising=False)
-    write_results(root)
-    commit(root, "Begin")
+    root = begin_project(tmp_path / "project", monkeypatch)
     write_results(root, epochs=5, arrays=errors_by_episode(0.49, 0.1))
     return root
 

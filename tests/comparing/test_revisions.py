@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from projects import commit, errors_by_episode, evaluation, git, new_project, write_results
+from projects import begin_project, commit, errors_by_episode, evaluation, git, write_results
 
 from addressed_dynamics.comparing.asking import compare_all
 from addressed_dynamics.comparing.comparison import Comparison
@@ -14,12 +14,7 @@ from addressed_dynamics.comparing.versions import ComparisonError
 
 @pytest.fixture
 def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    root = new_project(tmp_path / "project")
-    monkeypatch.chdir(root)
-    for name in ("DVC_ROOT", "MLFLOW_TRACKING_URI"):
-        monkeypatch.delenv(name, raising=False)
-    write_results(root)
-    commit(root, "Begin")
+    root = begin_project(tmp_path / "project", monkeypatch)
     git(root, "tag", "first")
     return root
 
@@ -96,7 +91,7 @@ def test_what_is_not_in_the_cache_is_named_with_the_command_that_brings_it_back(
         "brings it back"
     )
     with (project / ".dvc" / "config").open("a") as config:
-        config.write("['remote \"store\"']\n    url = /tmp/store\n")
+        config.write("['remote \"store\"']\n    url = s3://a-bucket/cars\n")
     (note,) = (note for note in only("first", "workspace").notes if "DVC's cache" in note and note.startswith("first:"))
     assert "'dvc pull evaluate@car' or 'dvc repro evaluate@car'" in note
 

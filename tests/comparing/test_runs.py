@@ -3,7 +3,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from projects import commit, errors_by_episode, evaluation, new_project, write_results
+from projects import begin_project, errors_by_episode, evaluation
 
 from addressed_dynamics import tracking
 from addressed_dynamics.base.errors import TrackingError
@@ -27,13 +27,8 @@ def track(root: Path, name: str, epochs: int, factor: float, experiment: str = "
 
 @pytest.fixture(scope="module")
 def store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    root = new_project(tmp_path_factory.mktemp("tracked") / "project")
     with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(root)
-        for name in ("DVC_ROOT", "MLFLOW_TRACKING_URI", "DVC_EXP_NAME"):
-            patch.delenv(name, raising=False)
-        write_results(root)
-        commit(root, "Begin")
+        root = begin_project(tmp_path_factory.mktemp("tracked") / "project", patch)
         track(root, "first", 3, 1.0)
         track(root, "second", 5, 0.49)
         track(root, "other", 5, 0.49, "cart")

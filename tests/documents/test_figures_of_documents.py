@@ -9,16 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from learning import drive
 from stage_dependencies import ROOT
-from trusted_models import linear_model, write_pair
+from trusted_models import write_mountaincar
 
 from addressed_dynamics.base.errors import ReportError
-from addressed_dynamics.evaluation.transitions.calibration import calibrate
-from addressed_dynamics.evaluation.transitions.points import Points
-from addressed_dynamics.features.transitions.spec import fit_features
-from addressed_dynamics.simulators.delivery import Delivered, write_delivered
-from addressed_dynamics.sources.transitions.params import FeatureParams
 from publishing import documents, figures
 
 COMMAND = "run 'make results', or 'python -m publishing' where only a template has changed"
@@ -86,13 +80,7 @@ def programs() -> list[str]:
 
 
 def test_the_python_in_the_readme_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    train, validation = drive((30,) * 12), drive((30,) * 8, seed=1)
-    features = fit_features(train, FeatureParams())
-    half = train.episode < 6
-    model, partner = linear_model(features, train.select(half)), linear_model(features, train.select(~half))
-    trust = calibrate(model, partner, Points.of(train, features), Points.of(validation, features), steps=10)
-    folder = write_pair(tmp_path / "data" / "models" / "mountaincar", model, partner, trust)
-    write_delivered(folder, Delivered(0, None, "argmax", candidate="total_parameters"))
+    write_mountaincar(tmp_path)
     monkeypatch.chdir(tmp_path)
     names: dict[str, Any] = {}
     for program in programs():

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 from learning import drive, untrained_model
-from trusted_models import NOISE, drifting, linear_model, trusted_model
+from trusted_models import NOISE, drifting, linear_pair, trusted_model
 
 from addressed_dynamics.base.errors import EvaluationError, ModelError
 from addressed_dynamics.evaluation.transitions.calibration import calibrate, cover, stretches
@@ -213,9 +213,7 @@ def test_an_input_that_never_changes_is_no_noise_and_its_first_change_is_not_tru
     for each in (train, validation):
         each.action[:] = 0.3
     features = fit_features(train, FeatureParams())
-    half = train.episode < 15
-    model, partner = linear_model(features, train.select(half)), linear_model(features, train.select(~half))
-    trust = calibrate(model, partner, Points.of(train, features), Points.of(validation, features), steps=5)
+    model, _, trust = linear_pair(features, train, validation, steps=5)
     trusted = AddressedDynamics(features, model.ensemble, trust=trust)
     state = train.observation[:20]
     assert trusted.trust(state, np.full((20, 1), 0.3)).mean() > 0.2
