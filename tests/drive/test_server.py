@@ -17,13 +17,12 @@ import pytest
 from aiohttp.test_utils import TestServer
 from driven import CAR_ENVIRONMENT, driven, write_drift
 
-import addressed_dynamics
 from addressed_dynamics.base.errors import DriveError
 from addressed_dynamics.drive import server
 from addressed_dynamics.drive.server import DriveServer, page_files, serve
 from addressed_dynamics.logs import read_log
-
-PACKAGE = Path(addressed_dynamics.__file__).parent
+from addressed_dynamics.reporting.common.blocks import Report
+from addressed_dynamics.reporting.common.render import render_html
 
 
 class Here:
@@ -81,13 +80,19 @@ def test_the_page_is_served_and_may_ask_nobody_else(tmp_path: Path) -> None:
 
 
 def test_its_colours_are_those_of_the_report() -> None:
-    for half in (0, 1):  # light and dark
-        page, report = (
-            dict(re.findall(r"--([a-z]+): ([^;]+);", path.read_text().split("prefers-color-scheme")[half]))
-            for path in (PACKAGE / "drive/page/drive.css", PACKAGE / "reporting/common/templates/report.css")
-        )
-        assert len(report) >= 8
-        assert report.items() <= page.items()
+    files = {path.name: path.read_text(encoding="utf-8") for path in page_files()}
+    assert re.findall(r'rel="stylesheet" href="([a-z.]+)"', files["index.html"]) == ["palette.css", "drive.css"]
+    report = render_html(Report("", "", "", None, ()))
+    assert files["palette.css"] in report
+    shared, own, others = (
+        {*re.findall(r"--([a-z]+):", style)}
+        for style in (files["palette.css"], files["drive.css"], report.replace(files["palette.css"], ""))
+    )
+    assert len(shared) >= 8
+    assert not shared & own
+    assert not shared & others
+    used = {*re.findall(r"var\(--([a-z]+)\)", files["drive.css"])}
+    assert used <= shared | own
 
 
 def test_who_comes_from_elsewhere_is_refused(tmp_path: Path) -> None:
@@ -193,14 +198,16 @@ def test_a_drive_that_cannot_begin_says_why(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_a_drive_that_fails_says_so_and_leaves_the_others_alone(tmp_path: Path) -> None:
+def test_a_drive_that_fails_says_so_and_leaves_the_others_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     told: list[str] = []
     world = driven("car", environment=CAR_ENVIRONMENT)
 
     def make(number: int) -> Any:
         session = world.session(number, tmp_path)
         if number == 0:
-            session.step = lambda: 1 / 0  # type: ignore[method-assign, return-value]
+            monkeypatch.setattr(session, "step", lambda: 1 / 0)
         return session
 
     async def use() -> None:

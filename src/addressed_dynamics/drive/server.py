@@ -27,6 +27,8 @@ LONGEST_MESSAGE = 64 * 1024
 HEARTBEAT_SECONDS = 20.0
 MOST_LATE_SECONDS = 0.1
 TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
+PALETTE = "palette.css"
+"""Colours and fonts, which are those of the report; the file is kept with its templates."""
 HEADERS = {
     "Content-Security-Policy": (
         "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; "
@@ -191,7 +193,8 @@ async def _only_here(request: web.Request, handler: Handler) -> web.StreamRespon
 def page_files() -> list[Path]:
     """Return the files of the page, which are in the package."""
     folder = Path(str(files("addressed_dynamics.drive") / "page"))
-    return sorted(path for path in folder.iterdir() if path.suffix in TYPES)
+    palette = Path(str(files("addressed_dynamics.reporting.common") / "templates" / PALETTE))
+    return [palette, *sorted(path for path in folder.iterdir() if path.suffix in TYPES)]
 
 
 def serve(make_session: MakeSession, port: int, tell: Tell) -> None:
