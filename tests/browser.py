@@ -2,16 +2,11 @@
 
 import json
 import re
-import shutil
 import subprocess
 from pathlib import Path
 from typing import Any
 
-import pytest
-
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-
-needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium here")
+from chromium import CHROMIUM
 
 
 def answers(page: str, script: str, folder: Path, *, width: int = 1200) -> Any:

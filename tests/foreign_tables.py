@@ -25,17 +25,17 @@ TABLE = {
 """Tables with the columns `q` and `u`."""
 
 
-def imported(**changes: Any) -> Transitions:
-    """Import the tables of the folder that we are in; `...` leaves a key out."""
+def imported(table: dict[str, Any] = TABLE, /, **changes: Any) -> Transitions:
+    """Import the tables of the folder that we are in by a source with some changes; `...` leaves a key out."""
     shutil.rmtree("out", ignore_errors=True)
-    import_logs(source(**(TABLE | changes)), Path("out"), name="arm", progress=lambda _: None)
+    import_logs(source(**(table | changes)), Path("out"), name="arm", progress=lambda _: None)
     return read_transitions(Path("out"))
 
 
-def refusal(**changes: Any) -> str:
+def refusal(table: dict[str, Any] = TABLE, /, **changes: Any) -> str:
     """Return the one line that the import is refused with."""
     with pytest.raises(AddressedDynamicsError) as caught:
-        imported(**changes)
+        imported(table, **changes)
     assert "\n" not in str(caught.value)
     return str(caught.value)
 

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import pytest
 from aiohttp.test_utils import TestServer
-from chromium import CHROMIUM, Page, browser
+from chromium import Page, browser, needs_browser
 from driven import CAR_ENVIRONMENT, driven, walker
 
 from addressed_dynamics.drive.server import DriveServer
 from addressed_dynamics.drive.session import Session
 from addressed_dynamics.logs import read_log
 
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium, in which the page would be looked at")
+pytestmark = needs_browser
 COUNT = "[window.drive.frames, window.drive.drawn, performance.now() / 1000]"
 PIXELS = "[...document.querySelectorAll('#truth, #model')].map((each) => each.toDataURL())"
 

@@ -2,18 +2,16 @@
 
 import json
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import foreign_tables
 import numpy as np
 import polars
 import pytest
-from foreign_logs import source
 
-from addressed_dynamics.base.errors import AddressedDynamicsError, TableError
-from addressed_dynamics.episodes.transitions import Transitions
-from addressed_dynamics.importing import import_logs
-from addressed_dynamics.sources.transitions.reading import read_transitions
+from addressed_dynamics.base.errors import TableError
 
 TABLE = {
     "kind": "csv",
@@ -44,16 +42,7 @@ def rows(count: int = 12, episodes: int = 3) -> polars.DataFrame:
     )
 
 
-def imported(**changes: Any) -> Transitions:
-    import_logs(source(**(TABLE | changes)), Path("out"), name="arm", progress=lambda _: None)
-    return read_transitions(Path("out"))
-
-
-def refusal(**changes: Any) -> str:
-    with pytest.raises(AddressedDynamicsError) as caught:
-        imported(**changes)
-    assert "\n" not in str(caught.value)
-    return str(caught.value)
+imported, refusal = partial(foreign_tables.imported, TABLE), partial(foreign_tables.refusal, TABLE)
 
 
 def totals() -> dict[str, int]:

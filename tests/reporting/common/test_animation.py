@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from builders import CAR
+from films import frames
 from PIL import Image, ImageChops
 from report_examples import example_arrays
 
@@ -35,15 +36,6 @@ def example(scene: Scene = ACROBOT, steps: int = 12, off: float = 0.0, **changes
     true = course(scene, steps)
     values = {"directions": np.arange(steps) % 3 - 1, "step_seconds": 0.02}
     return film("name", "a title", scene, true, true + off, **values | changes)
-
-
-def frames(panel: Panel) -> list[Image.Image]:
-    with Image.open(io.BytesIO(panel.content)) as file:
-        shown = []
-        for index in range(file.n_frames):
-            file.seek(index)
-            shown.append(file.convert("RGB"))
-        return shown
 
 
 def durations(panel: Panel) -> list[int]:

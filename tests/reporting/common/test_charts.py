@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from browser import answers, needs_browser
+from browser import answers
+from chromium import needs_browser
 from hypothesis import given
 from hypothesis import strategies as st
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from films import frames
 from PIL import Image, ImageChops, ImageColor
 
 from addressed_dynamics.base.errors import ReportError
@@ -16,7 +17,6 @@ from addressed_dynamics.recording.walker.script import SCRIPTS
 from addressed_dynamics.reporting.common.animation.camera import Camera
 from addressed_dynamics.reporting.common.animation.film import GAP, HEAD
 from addressed_dynamics.reporting.common.animation.gif import Palette
-from addressed_dynamics.reporting.common.blocks import Panel
 from addressed_dynamics.reporting.motion.actors import Actor
 from addressed_dynamics.reporting.motion.animation import skeleton
 from addressed_dynamics.reporting.motion.animation.skeleton import HEIGHT, SIDE, skeleton_film
@@ -37,15 +37,6 @@ def walker(seconds: float, seed: int = 0) -> Any:
 @pytest.fixture(scope="module")
 def moving() -> Any:
     return walker(1.0)
-
-
-def frames(panel: Panel) -> list[Image.Image]:
-    with Image.open(io.BytesIO(panel.content)) as file:
-        shown = []
-        for index in range(file.n_frames):
-            file.seek(index)
-            shown.append(file.convert("RGB"))
-        return shown
 
 
 def pixels(image: Image.Image, colour: str) -> int:
