@@ -78,5 +78,6 @@ def save_database(
     path: Path, motion: Motion, patch: np.ndarray[Any, Any] | None = None, *, compressed: bool = False
 ) -> Path:
     """Write a database as anyone would, with NumPy."""
+    # To mypy an array could be named as an option of NumPy's is.
     (np.savez_compressed if compressed else np.savez)(path, **arrays_of(motion, patch))  # type: ignore[arg-type]
     return path

@@ -38,7 +38,7 @@ def test_a_name_that_it_does_not_have_is_an_attribute_error() -> None:
     with pytest.raises(AttributeError, match="no attribute 'Simulator'"):
         addressed_dynamics.Simulator  # noqa: B018 - the access is the test
     with pytest.raises(ImportError):
-        from addressed_dynamics import Simulator  # noqa: F401
+        from addressed_dynamics import Simulator  # noqa: F401 - as above
 
 
 def test_losses_become_equal_bins() -> None:

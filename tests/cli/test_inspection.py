@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
-from rich.console import Console
+from rich.console import Console, RenderableType
 from strategies import transitions
 
 from addressed_dynamics.base.errors import LogError
@@ -43,9 +43,14 @@ def write_foreign(path: Path, **options: Any) -> Path:
 
 def shown(path: Path) -> str:
     """Return what the terminal shows of a file."""
-    console = Console(file=io.StringIO(), width=120)
-    console.print(file_view(inspect_file(path)))
-    return console.file.getvalue()  # type: ignore[attr-defined]
+    return printed(file_view(inspect_file(path)))
+
+
+def printed(view: RenderableType) -> str:
+    """Return what the terminal shows."""
+    terminal = io.StringIO()
+    Console(file=terminal, width=120).print(view)
+    return terminal.getvalue()
 
 
 @given(whole=transitions())
@@ -219,9 +224,7 @@ def test_a_folder_has_the_totals_of_its_files(tmp_path: Path) -> None:
     assert found.experience is not None
     assert found.experience.lengths.tolist() == [2, 3, 4]
     assert found.to_json()["totals"]["experience"]["length"] == {"min": 2.0, "median": 3.0, "max": 4.0}
-    console = Console(file=io.StringIO(), width=120)
-    console.print(folder_view(found, [tmp_path]))
-    text = console.file.getvalue()  # type: ignore[attr-defined]
+    text = printed(folder_view(found, [tmp_path]))
     assert "4, 1 of them with a problem" in text
     assert "d.mcap.partial: the file is empty" in text
 

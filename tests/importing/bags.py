@@ -5,7 +5,7 @@ import sqlite3
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-import yaml  # type: ignore[import-untyped]
+import yaml  # type: ignore[import-untyped]  # the stubs are a package of their own
 from foreign_logs import ROS2, Timed, ros2_log
 from mcap.reader import make_reader
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer

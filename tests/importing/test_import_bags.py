@@ -17,6 +17,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from addressed_dynamics.base.errors import LogError
+from addressed_dynamics.base.params.source import McapSource
 from addressed_dynamics.importing import import_logs
 from addressed_dynamics.importing.agreement import Agreement
 from addressed_dynamics.importing.mcap_logs import read_mcap
@@ -36,10 +37,11 @@ STORAGES = [StoragePlugin.SQLITE3, StoragePlugin.MCAP]
 def samples(path: Path, **changes: Any) -> Samples:
     """What is read of a recording."""
     section = source(**changes)
+    assert isinstance(section, McapSource)
     signals = signals_of(section)
     paths = [parse_path(signal.field) for signal in signals.all]
     files = bag_files(path) if is_bag(path) else (path,)
-    return read_mcap(files, section, signals, paths, Agreement()).whole()  # type: ignore[arg-type]
+    return read_mcap(files, section, signals, paths, Agreement()).whole()
 
 
 def assert_as_in_mcap(found: Samples, folder: Path, messages: Any = TIMED) -> None:

@@ -87,7 +87,10 @@ def _spaces(kind: str) -> tuple[Any, Any, Callable[[int], Any], Callable[[int], 
 
     box = spaces.Box(-99, 99, (2,), dtype=np.float32)
     one = spaces.Box(-99, 99, (1,), dtype=np.float32)
-    vector = lambda i: np.array([i, -i], dtype=np.float32)  # noqa: E731
+
+    def vector(i: int) -> np.ndarray:
+        return np.array([i, -i], dtype=np.float32)
+
     if kind == "dict":
         space = spaces.Dict({"observation": box, "desired_goal": spaces.Dict({"kettle": one}), "word": spaces.Text(9)})
         return (

@@ -78,4 +78,4 @@ def test_without_addressing_a_step_costs_one_network_or_the_mixture_of_all_by_ph
 
 def test_the_cost_of_a_mode_that_there_is_not_is_refused() -> None:
     with pytest.raises(ModelError, match="no addressing mode 'median'"):
-        multiply_adds_a_step(PLAIN, None, "median")  # type: ignore[arg-type]
+        multiply_adds_a_step(PLAIN, None, "median")  # type: ignore[arg-type] # that is the point

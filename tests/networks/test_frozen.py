@@ -7,7 +7,7 @@ import torch
 from addressed_dynamics.networks import frozen
 from addressed_dynamics.networks.addressing import addressing_scores
 from addressed_dynamics.networks.frozen import FrozenMLP
-from addressed_dynamics.networks.stacked import StackedMLP
+from addressed_dynamics.networks.stacked import Activation, StackedMLP
 
 STACKS = pytest.mark.parametrize(
     ("members", "activation", "shared", "linear"),
@@ -22,9 +22,9 @@ STACKS = pytest.mark.parametrize(
 CLOSE = {"rtol": 1e-5, "atol": 1e-6}
 
 
-def made(members: int, activation: str, shared: int, linear: bool) -> StackedMLP:
+def made(members: int, activation: Activation, shared: int, linear: bool) -> StackedMLP:
     generator = torch.Generator().manual_seed(1)
-    stack = StackedMLP(members, (5, 16, 16, 2), activation, generator, shared=shared, linear=linear)  # type: ignore[arg-type]
+    stack = StackedMLP(members, (5, 16, 16, 2), activation, generator, shared=shared, linear=linear)
     for weight in stack.linear:
         torch.nn.init.normal_(weight, generator=generator)
     return stack.requires_grad_(requires_grad=False)

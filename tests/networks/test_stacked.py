@@ -8,15 +8,17 @@ from hypothesis import strategies as st
 from torch.utils.flop_counter import FlopCounterMode
 
 from addressed_dynamics.base.errors import ModelError
-from addressed_dynamics.networks.stacked import StackedMLP, in_chunks
+from addressed_dynamics.networks.stacked import Activation, StackedMLP, in_chunks
 
 SHARED = pytest.mark.parametrize("shared", [0, 1, 2])
 LINEAR = pytest.mark.parametrize("linear", [False, True])
 
 
-def make_stack(members: int = 3, activation: str = "tanh", shared: int = 0, *, linear: bool = False) -> StackedMLP:
+def make_stack(
+    members: int = 3, activation: Activation = "tanh", shared: int = 0, *, linear: bool = False
+) -> StackedMLP:
     generator = torch.Generator().manual_seed(0)
-    stack = StackedMLP(members, (5, 16, 16, 2), activation, generator, shared=shared, linear=linear)  # type: ignore[arg-type]
+    stack = StackedMLP(members, (5, 16, 16, 2), activation, generator, shared=shared, linear=linear)
     for weight in stack.linear:
         torch.nn.init.normal_(weight, generator=generator)
     return stack

@@ -184,7 +184,7 @@ def test_actions_that_do_not_fit_a_rollout_are_refused(actions: np.ndarray) -> N
 def test_a_mode_that_does_not_exist_is_refused() -> None:
     world = WORLDS["car"]
     with pytest.raises(ModelError, match="no addressing mode 'best'"):
-        untrained_model(world).predict(world.observation, world.action, "best")  # type: ignore[arg-type]
+        untrained_model(world).predict(world.observation, world.action, "best")  # type: ignore[call-overload] # that is the point
 
 
 def test_networks_that_do_not_fit_are_refused() -> None:
@@ -447,7 +447,7 @@ def test_a_model_says_what_it_is(folder: Path) -> None:
 def test_a_model_is_loaded_in_any_mode_that_is_asked_for(folder: Path, mode: Mode) -> None:
     world = WORLDS["car"]
     for asked in ({}, {"seed": 2}, {"candidate": "ensemble", "variant": "plain"}):
-        model = AddressedDynamics.load(folder, **asked, mode=mode)  # type: ignore[arg-type] # mypy reads one type of value
+        model = AddressedDynamics.load(folder, **asked, mode=mode)
         assert model.mode == mode
         found, expected = (
             model.predict(world.observation, world.action, each, generator=torch.Generator().manual_seed(0))
@@ -468,7 +468,7 @@ def test_the_folder_of_one_model_leaves_nothing_to_choose(folder: Path) -> None:
     assert AddressedDynamics.load(own).ensemble.members == 1
     for asked in ({"candidate": "relu_512"}, {"seed": 3}, {"variant": "plain"}):
         with pytest.raises(ModelError, match=f"this is one saved model, of which no {next(iter(asked))} can be chosen"):
-            AddressedDynamics.load(own, **asked)  # type: ignore[arg-type] # mypy reads one type of value
+            AddressedDynamics.load(own, **asked)
 
 
 def test_a_folder_that_holds_no_models_is_told_apart_from_one_that_is_not_whole(folder: Path, tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """MotionModel: its modes, its files, and what it refuses."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -97,7 +98,7 @@ def test_a_saved_model_predicts_as_before(model: MotionModel, tmp_path: Path) ->
     (lambda f: MotionModel(f, stack(1, 5, 8, 311)), "map 5 inputs to 311 outputs"),
     (lambda f: MotionModel(f, stack(3, 342, 8, 311), mode="phase"), "has 4 control points"),
 ])  # fmt: skip
-def test_networks_that_do_not_fit_are_refused(build, match: str) -> None:  # type: ignore[no-untyped-def]
+def test_networks_that_do_not_fit_are_refused(build: Callable[[MotionFeatures], object], match: str) -> None:
     with pytest.raises(ModelError, match=match):
         build(FEATURES)
 
@@ -114,7 +115,7 @@ def test_a_phase_functioned_model_asks_for_phases(mode: MotionMode | None, phase
 
 def test_a_mode_that_does_not_exist_is_refused() -> None:
     with pytest.raises(ModelError, match=", ".join(MOTION_MODES)):
-        addressed().predict(X, "guess")  # type: ignore[arg-type] # that is the point
+        addressed().predict(X, "guess")  # type: ignore[call-overload] # that is the point
 
 
 def test_a_missing_folder_is_refused(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """The spline of phase-functioned networks, and the released network in both of its forms."""
 
 import json
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 
@@ -133,7 +134,7 @@ def test_pickled_control_points_are_refused(tmp_path: Path) -> None:
     (lambda path: path.write_bytes(path.read_bytes()[:-3]), "should hold 311 float32 values, but has 1241 bytes"),
     (lambda path: np.full(311, np.nan, "<f4").tofile(path), "not finite"),
 ])  # fmt: skip
-def test_damaged_statistics_are_refused(tmp_path: Path, damage, match: str) -> None:  # type: ignore[no-untyped-def]
+def test_damaged_statistics_are_refused(tmp_path: Path, damage: Callable[[Path], object], match: str) -> None:
     write_control_points(tmp_path / "points.npz")
     damage(tmp_path / "Ystd.bin")
     with pytest.raises(ModelError, match=match):

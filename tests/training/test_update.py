@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from addressed_dynamics.base.params.sections import OptimiserParams
-from addressed_dynamics.networks.stacked import ACTIVATIONS, StackedMLP
+from addressed_dynamics.networks.stacked import ACTIVATIONS, Activation, StackedMLP
 from addressed_dynamics.training.losses import (
     absolute_and_squared_error,
     absolute_error,
@@ -18,10 +18,10 @@ OPTIMISER = OptimiserParams(learning_rate=1e-2, betas=(0.9, 0.99), final_share=0
 
 
 def make_stack(
-    members: int, activation: str, outputs: int = 2, seed: int = 0, shared: int = 0, *, linear: bool = False
+    members: int, activation: Activation, outputs: int = 2, seed: int = 0, shared: int = 0, *, linear: bool = False
 ) -> StackedMLP:
     generator = torch.Generator().manual_seed(seed)
-    stack = StackedMLP(members, (5, 16, 8, outputs), activation, generator, shared=shared, linear=linear)  # type: ignore[arg-type]
+    stack = StackedMLP(members, (5, 16, 8, outputs), activation, generator, shared=shared, linear=linear)
     for weight in stack.linear:
         torch.nn.init.normal_(weight, generator=generator)
     return stack

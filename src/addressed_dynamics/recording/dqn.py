@@ -164,11 +164,11 @@ def _greedy(model: _ExploringDQN) -> Policy:
 @contextmanager
 def _generators_given_back() -> Iterator[None]:
     """Leave the global generators as they were: the library seeds Python's, NumPy's and PyTorch's and uses them."""
-    python_state, numpy_state = random.getstate(), np.random.get_state()  # noqa: NPY002
+    python_state, numpy_state = random.getstate(), np.random.get_state()  # noqa: NPY002 - the library's
     torch_state = torch.get_rng_state()
     try:
         yield
     finally:
         random.setstate(python_state)
-        np.random.set_state(numpy_state)  # noqa: NPY002
+        np.random.set_state(numpy_state)  # noqa: NPY002 - as above
         torch.set_rng_state(torch_state)

@@ -16,6 +16,7 @@ from addressed_dynamics.episodes.layout import INPUT, JOINTS, OFFSETS, OUTPUT
 from addressed_dynamics.episodes.motion import Motion
 from addressed_dynamics.evaluation.motion.closed_loop.commands import Script, Segment, script, validation_scripts
 from addressed_dynamics.evaluation.motion.closed_loop.run import FARTHEST, Trace, closed_loop, start_pose
+from addressed_dynamics.evaluation.motion.predictor import MotionPredictor
 
 POSE = a_pose()
 WALK = script([Segment(1.0, stick=1.0)])
@@ -34,8 +35,8 @@ def mixed_script(heading: float = 0.0) -> Script:
     return script(segments, heading=heading)
 
 
-def run_one(predictor: object, commands: Script) -> Trace:
-    return closed_loop({"model": predictor}, [commands], POSE)["model"]  # type: ignore[dict-item]
+def run_one(predictor: MotionPredictor, commands: Script) -> Trace:
+    return closed_loop({"model": predictor}, [commands], POSE)["model"]
 
 
 @pytest.mark.parametrize("heading", [0.0, 2.5])

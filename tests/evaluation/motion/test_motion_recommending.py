@@ -29,7 +29,7 @@ def test_a_network_of_a_member_s_size_wins_if_it_is_no_worse_in_the_closed_loop(
 def off_by(error: float, group: str, seed: int | None) -> MotionCandidate:
     """A model that is off by so much in all that it says."""
     outputs = torch.from_numpy(VALIDATION.y) + error
-    return MotionCandidate(group, seed, f"about {group}", 7, lambda x, phase: outputs)  # noqa: ARG005
+    return MotionCandidate(group, seed, f"about {group}", 7, lambda x, phase: outputs)  # noqa: ARG005 - a predictor is given both
 
 
 def test_only_what_was_trained_here_and_does_not_draw_is_recommended() -> None:

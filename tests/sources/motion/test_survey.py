@@ -1,9 +1,7 @@
 """Surveys: clips and cycles are found again with and without names, and every copy is counted and left out."""
 
-import sys
 from collections.abc import Iterator
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -16,6 +14,7 @@ from pfnn_data import PFNN_DATA, needs_pfnn_data
 from addressed_dynamics import Motion, read_motion
 from addressed_dynamics.base.errors import MotionError
 from addressed_dynamics.episodes.layout import OUTPUT
+from addressed_dynamics.sources.motion import source
 from addressed_dynamics.sources.motion import survey as survey_module
 from addressed_dynamics.sources.motion.contents import cycle_starts
 from addressed_dynamics.sources.motion.source import stream_motion, survey_motion
@@ -175,8 +174,7 @@ def folder_of_clips(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Pa
     """Return a folder, and the clips that its import finds in it."""
     without_cycles = make_clip("short", (3,)).select(slice(0))
     found = [make_clip("run", (6, 5), first_frame=60), without_cycles, make_clip("walk", (8,), seed=1, first_frame=61)]
-    module = SimpleNamespace(read_clips=lambda folder: iter(found if folder == tmp_path else []))
-    monkeypatch.setitem(sys.modules, "addressed_dynamics.sources.motion.clips", module)
+    monkeypatch.setattr(source, "read_clips", lambda folder: iter(found if folder == tmp_path else []))
     return tmp_path, found
 
 

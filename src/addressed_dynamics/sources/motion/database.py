@@ -92,6 +92,7 @@ class _Member:
         data = bytearray(size)
         view, filled = memoryview(data), 0
         try:
+            # The types of the standard library do not say that a member of an archive can read into a buffer.
             while filled < size and (count := self._stream.readinto(view[filled:])):  # type: ignore[attr-defined]
                 filled += count
         except DAMAGE as error:

@@ -9,6 +9,7 @@ import numpy as np
 
 from addressed_dynamics.episodes.layout import INPUT, OUTPUT
 from addressed_dynamics.episodes.motion import Motion
+from addressed_dynamics.sources.motion.clips import read_clips
 from addressed_dynamics.sources.motion.contents import CycleRows, Survey, cycle_starts
 from addressed_dynamics.sources.motion.database import Database, open_database
 from addressed_dynamics.sources.motion.survey import BLOCK_ROWS, survey_clips, survey_database
@@ -25,7 +26,7 @@ def read_motion(path: Path | str) -> Motion:
     """
     path = Path(path)
     if path.is_dir():
-        clips = list(_clips(path))
+        clips = list(read_clips(path))
         return join_motion(clips, sum(map(len, clips)))
     survey = survey_motion(path)
     return join_motion(stream_motion(path, survey), survey.kept_rows)
@@ -38,7 +39,7 @@ def survey_motion(path: Path | str) -> Survey:
         MotionError: nothing is there, or a file is damaged or of another layout.
     """
     path = Path(path)
-    return survey_clips(_clips(path)) if path.is_dir() else survey_database(path)
+    return survey_clips(read_clips(path)) if path.is_dir() else survey_database(path)
 
 
 def stream_motion(path: Path | str, survey: Survey | None = None, *, rows: int = BLOCK_ROWS) -> Iterator[Motion]:
@@ -54,7 +55,7 @@ def stream_motion(path: Path | str, survey: Survey | None = None, *, rows: int =
     """
     path = Path(path)
     if path.is_dir():
-        yield from _stream_clips(_clips(path), rows)
+        yield from _stream_clips(read_clips(path), rows)
         return
     survey = survey or survey_motion(path)
     with open_database(path) as database:
@@ -74,12 +75,6 @@ def join_motion(parts: Iterator[Motion] | Sequence[Motion], rows: int) -> Motion
         clips.append(part.clip)
         start += len(part)
     return Motion(x, y, phase, np.concatenate(clips), frame, cycle)
-
-
-def _clips(folder: Path) -> Iterator[Motion]:
-    from addressed_dynamics.sources.motion.clips import read_clips  # type: ignore[import-not-found, unused-ignore]
-
-    return iter(read_clips(folder))
 
 
 def _stream_clips(clips: Iterator[Motion], rows: int) -> Iterator[Motion]:
