@@ -10,6 +10,7 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, UndefinedError
 
 from addressed_dynamics.base.errors import ReportError
+from addressed_dynamics.base.files import write_text
 from addressed_dynamics.envs.mountain_car import HIGHEST_POSITION, LOWEST_POSITION
 from addressed_dynamics.evaluation.common.bootstrap import COVERAGE
 from addressed_dynamics.evaluation.transitions.horizons import LOST_PERCENT
@@ -59,7 +60,7 @@ def write(root: Path = ROOT) -> list[Path]:
     documents = {root / path: text for path, text in rendered(root).items()}
     changed = [path for path, text in documents.items() if not path.is_file() or path.read_text("utf-8") != text]
     for path in changed:
-        path.write_text(documents[path], encoding="utf-8")
+        write_text(path, documents[path])
     return changed
 
 

@@ -62,6 +62,25 @@ def test_keys_move_the_car_in_both_pictures_and_nothing_is_asked_of_others(tmp_p
     assert actions.count(2) >= 20
 
 
+def test_a_button_of_the_page_is_held_by_the_keyboard_too(tmp_path: Path) -> None:
+    world = driven("car", environment=CAR_ENVIRONMENT)
+    pressed = "document.querySelector('.hands [aria-pressed=true]').textContent"
+
+    async def use(page: Page, _here: str) -> None:
+        await page.until("window.drive.drawn > 2")
+        assert "no push" in await page.value(pressed)
+        await page.value("document.querySelector('.hands button').focus()")
+        await page.key("Space", up=False)
+        await page.until("window.drive.frame.action === 0")
+        assert "push left" in await page.value(pressed)
+        await page.key("Space", down=False)
+        await page.until("window.drive.frame.action === 1")
+        assert await page.value("document.getElementById('pause').textContent") == "Pause"
+        assert page.complaints == []
+
+    look(lambda number: world.session(number, tmp_path), use)
+
+
 def test_a_gamepad_acts_and_a_tilted_stick_is_enough(tmp_path: Path) -> None:
     world = driven("car", environment=CAR_ENVIRONMENT)
 

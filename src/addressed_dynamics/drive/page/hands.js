@@ -60,7 +60,7 @@ export function gamepad() {
   return { axes: [0, 1, 2, 3].map(stick), pressed: (index) => pad.buttons[index]?.value ?? 0 };
 }
 
-/** A button that is held as long as a finger or the mouse is on it. */
+/** A button that is held as long as a finger or the mouse is on it, or a key that presses buttons is down. */
 export function holdButton(parent, held, name, words, key) {
   const button = document.createElement("button");
   button.append(words);
@@ -74,7 +74,10 @@ export function holdButton(parent, held, name, words, key) {
     held.set(name, down);
   };
   button.addEventListener("pointerdown", set(true));
-  for (const end of ["pointerup", "pointerleave", "pointercancel", "contextmenu"]) button.addEventListener(end, set(false));
+  for (const end of ["pointerup", "pointerleave", "pointercancel", "contextmenu", "blur"]) button.addEventListener(end, set(false));
+  for (const [event, down] of [["keydown", true], ["keyup", false]]) {
+    button.addEventListener(event, (key) => ["Space", "Enter"].includes(key.code) && set(down)(key));
+  }
   parent.append(button);
   return button;
 }
@@ -127,7 +130,10 @@ export function discreteHands(parent, action, held) {
     names.forEach((_, index) => {
       if (held.has(`number-${index}`)) chosen = index;
     });
-    buttons.forEach((button, index) => button.classList.toggle("held", index === chosen));
+    buttons.forEach((button, index) => {
+      button.classList.toggle("held", index === chosen);
+      button.setAttribute("aria-pressed", index === chosen);
+    });
     before = chosen;
     return chosen;
   };

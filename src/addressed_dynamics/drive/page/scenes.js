@@ -118,7 +118,7 @@ const ACROBOT = {
     brush.arrow(arc, colours.asked, 3);
   },
   off(state, predicted) {
-    const [a, b] = [angles(state), angles(predicted)].map((each) => each);
+    const a = angles(state), b = angles(predicted);
     const apart = a.map((angle, i) => Math.abs(((((b[i] - angle + Math.PI) % (2 * Math.PI)) + 2 * Math.PI) % (2 * Math.PI)) - Math.PI));
     return `off by ${apart[0].toFixed(3)} rad and ${apart[1].toFixed(3)} rad`;
   },

@@ -123,9 +123,8 @@ function meters(parent, hello) {
 
 function chart(parent, dimension, truth, alone) {
   const unit = dimension.unit ? ` (${dimension.unit})` : "", range = { low: dimension.low, high: dimension.high };
-  const { words, canvas } = figure(parent, "chart", "", "");
-  const name = words.parentElement.firstChild;
-  name.replaceWith(Object.assign(document.createElement("span"), { textContent: spoken(dimension.name) + unit }));
+  const { title, words, canvas } = figure(parent, "chart", "", "");
+  title.replaceWith(Object.assign(document.createElement("span"), { textContent: spoken(dimension.name) + unit }));
   canvas.setAttribute("role", "img");
   canvas.setAttribute("aria-label", `${spoken(dimension.name)} over the last steps`);
   return (frame, past, index) => {

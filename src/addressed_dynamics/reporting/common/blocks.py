@@ -26,7 +26,8 @@ class Row:
     cells: tuple[str, ...]
     """Its text, one for each column."""
     kind: str = ""
-    """How it stands out: `own` for what the report is about, `reference` for what it is compared with, or empty."""
+    """How it stands out: `own` for what the report is about, `reference` for what it is compared with, `reached` or
+    `missed` for what was wanted, or not at all."""
 
 
 @dataclass(frozen=True)

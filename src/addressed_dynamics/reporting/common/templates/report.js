@@ -145,7 +145,7 @@
     }
 
     frame(label) {
-      const { width, height, left, right, top, bottom } = this.size;
+      const { width, height, right, top, bottom } = this.size;
       for (const [value, text] of this.x.ticks) {
         const x = this.across(value);
         add(this.canvas, "line", { x1: x, x2: x, y1: top, y2: height - bottom, stroke: GRID });
@@ -332,7 +332,6 @@
     const link = event.target.closest('a[href^="#"]');
     if (link && link.hash === location.hash) open();
   });
-  open();
   let closed = [];
   window.addEventListener("beforeprint", () => {
     closed = [...document.querySelectorAll("details:not([open], .more, .values)")];
@@ -341,4 +340,5 @@
   window.addEventListener("afterprint", () => {
     for (const each of closed) each.open = false;
   });
+  open();
 })();
