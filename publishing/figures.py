@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from addressed_dynamics.base.errors import ReportError
+from addressed_dynamics.base.files import write_text
 from addressed_dynamics.base.params.experiments import parse_params
 from addressed_dynamics.evaluation.motion.records import Candidate, MotionEvaluation
 from addressed_dynamics.evaluation.transitions.horizons import percent_of_range
@@ -83,8 +84,7 @@ def keep(path: Path, figures: Figures, measured: Mapping[str, str]) -> Path:
     before = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
     if before.get(MEASURED) and {**before, MEASURED: None} == {**figures, MEASURED: None}:
         return path
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(in_lines({MEASURED: dict(measured), **figures}), encoding="utf-8")
+    write_text(path, in_lines({MEASURED: dict(measured), **figures}))
     return path
 
 

@@ -138,7 +138,8 @@ def test_a_mistyped_command_is_a_usage_error_without_a_traceback(run, arguments)
 
 
 def test_ui_serves_on_the_port_it_is_given(run, monkeypatch):
-    tracking = pytest.importorskip("addressed_dynamics.tracking")
+    from addressed_dynamics import tracking
+
     ports = []
     monkeypatch.setattr(tracking, "serve_ui", ports.append)
     assert run("ui", "--port", "5123")[0] == 0

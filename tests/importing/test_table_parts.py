@@ -124,7 +124,7 @@ def _columns(values: list[Any]) -> Any:
 def make(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
     """Make a dataset of two episodes of ten steps."""
     if request.param == "hdf5":
-        pytest.importorskip("h5py")
+        pytest.importorskip("h5py", reason="Minari keeps datasets as HDF5 only with h5py")
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
     import minari
     from minari.data_collector.episode_buffer import EpisodeBuffer

@@ -46,7 +46,8 @@ def motion_model(mode: MotionMode) -> MotionModel:
 
 
 def onnx_session(path: Path) -> Any:
-    return pytest.importorskip("onnxruntime").InferenceSession(path, providers=["CPUExecutionProvider"])
+    runtime = pytest.importorskip("onnxruntime", reason="the extra 'export' is not installed")
+    return runtime.InferenceSession(path, providers=["CPUExecutionProvider"])
 
 
 @pytest.mark.parametrize("mode", ["argmax", "mixture", "blend"])
