@@ -20,7 +20,7 @@ export MLFLOW_DISABLE_TELEMETRY := true
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run example ride hopper test test-cluster docs results ui bench clean
+.PHONY: help setup run example ride hopper test test-cluster wheel test-wheel docs results ui bench clean
 
 help:
 	@echo "make run     install into $(VENV), run the pipeline, write data/reports/*/report.html"
@@ -29,6 +29,8 @@ help:
 	@echo "make hopper  install MuJoCo, record its Hopper and go from it to a report (ten minutes)"
 	@echo "make test    check format, style, types and imports, then run the tests"
 	@echo "make test-cluster  install Ray, then run the tests that need it, on two nodes of this machine"
+	@echo "make wheel   build dist/addressed_dynamics-*.whl, to be installed anywhere"
+	@echo "make test-wheel  build it, install it in an empty environment, and use it there"
 	@echo "make docs    build the documentation in site/"
 	@echo "make results fill README.md and docs/results.md with the figures of the last run (FROM=folder: of a run there)"
 	@echo "make ui      browse the runs in MLflow (Ctrl-C ends it)"
@@ -106,6 +108,15 @@ $(VENV)/cluster: $(VENV)/checked requirements-cluster.lock
 test-cluster: $(VENV)/cluster
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest tests/cluster
 
+# What an earlier build left in build/ would be in the wheel, too.
+wheel: $(VENV)/installed
+	rm -rf build dist
+	$(PIP) wheel --no-deps --no-build-isolation --wheel-dir dist .
+	@ls dist/*.whl
+
+test-wheel: wheel $(VENV)/checked
+	OMP_NUM_THREADS=1 PYTHONPATH=tests $(BIN)/python tests/installing.py dist/*.whl
+
 # The banner that the variable turns off says what its makers sell next.
 docs: $(VENV)/checked
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
@@ -123,6 +134,6 @@ bench: $(VENV)/installed
 	@set -e; for script in $$(grep -l "def main" benchmarks/*.py | grep -v real_data); do echo "== $$script"; $(BIN)/python "$$script"; done
 
 clean:
-	rm -rf $(VENV) build site .checkpoints .mlflow .dvc/cache .dvc/tmp data
+	rm -rf $(VENV) build dist site .checkpoints .mlflow .dvc/cache .dvc/tmp data
 	rm -rf .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache src/*.egg-info
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

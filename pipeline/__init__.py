@@ -1,6 +1,8 @@
 """One thin script per stage: read, call, write."""
 
 import sys
+from importlib.metadata import version
+from pathlib import Path
 from types import TracebackType
 
 
@@ -9,5 +11,17 @@ def _say_nothing_of_ctrl_c(kind: type[BaseException], error: BaseException, trac
         sys.__excepthook__(kind, error, traceback)
 
 
+def _check_version(file: Path) -> None:
+    """End in a project of one's own whose stages, and all that they made, are of another version than the installed."""
+    made, there = file.read_text(encoding="utf-8").strip(), version("addressed-dynamics")
+    if made != there:
+        sys.exit(
+            f"error: {file}: the stages are of addressed-dynamics {made}, and {there} is installed; install {made}, or "
+            "let 'addressed-dynamics init . --renew' write those of this one, with which all is made anew"
+        )
+
+
 # `run_stage` speaks for a stage, but only once the stage's imports are done, which may take seconds.
 sys.excepthook = _say_nothing_of_ctrl_c
+if (_VERSION := Path(__file__).with_name("version.txt")).is_file():
+    _check_version(_VERSION)

@@ -81,8 +81,8 @@ def stages_run(output: str) -> list[str]:
     return re.findall(r"Running stage '([^']+)'", output)
 
 
-def new_clone(folder: Path) -> Path:
-    """A Git repository with this working tree and the tiny params."""
+def listed_files() -> list[str]:
+    """The files of this working tree that Git does not ignore, relative to its root."""
     listing = subprocess.run(
         ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z"],
         cwd=ROOT,
@@ -90,9 +90,13 @@ def new_clone(folder: Path) -> Path:
         text=True,
         check=True,
     )
-    kept = (name for name in listing.stdout.split("\0") if name and not name.startswith("data/"))
-    for name in kept:
-        if (ROOT / name).is_file():
+    return [name for name in listing.stdout.split("\0") if name and (ROOT / name).is_file()]
+
+
+def new_clone(folder: Path) -> Path:
+    """A Git repository with this working tree and the tiny params."""
+    for name in listed_files():
+        if not name.startswith("data/"):
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy(ROOT / name, folder / name)
     shutil.copy(ROOT / "tests" / "tiny_params.yaml", folder / "params.yaml")

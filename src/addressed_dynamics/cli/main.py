@@ -3,6 +3,7 @@
 import json
 import sys
 from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -25,6 +26,7 @@ from addressed_dynamics.cli.new import (
     yaml_text,
 )
 from addressed_dynamics.cli.params_view import params_lines
+from addressed_dynamics.cli.project import VERSION_FILE, make_project, renew_project
 from addressed_dynamics.cli.source_keys import source_keys
 from addressed_dynamics.cli.terminal import file_view, folder_view
 from addressed_dynamics.cli.verdicts import verdict_lines
@@ -34,6 +36,8 @@ from addressed_dynamics.logs import RecoveryReport, recover_log
 
 PIPE_WIDTH = 120
 """Width of tables where there is no terminal that would say how wide it is."""
+EXTRAS = dict.fromkeys(("dvc", "matplotlib", "mlflow", "PIL", "stable_baselines3", "tqdm"), "pipeline")
+"""Which extra of this package brings a module that not every installation has."""
 
 app = typer.Typer(
     help="Learned simulators from logs of an agent.", no_args_is_help=True, pretty_exceptions_enable=False
@@ -47,11 +51,17 @@ def main() -> None:
     except AddressedDynamicsError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(1)
+    except ModuleNotFoundError as error:
+        if error.name is None or (extra := EXTRAS.get(error.name.partition(".")[0])) is None:
+            raise
+        needed = f"this needs '{error.name}': pip install 'addressed-dynamics[{extra}]'"
+        print(f"error: {needed}", file=sys.stderr)
+        sys.exit(1)
 
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        print(f"addressed-dynamics {version('addressed-dynamics')}")
+        print(f"addressed-dynamics {_version()}")
         raise typer.Exit
 
 
@@ -111,6 +121,28 @@ def inspect(
             console.print(view, crop=False)
     if damaged:
         raise typer.Exit(1)
+
+
+@app.command()
+def init(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder; it is made if it is not there.")],
+    renew: Annotated[
+        bool, typer.Option("--renew", help="Write dvc.yaml and pipeline/ of a project anew, of this version.")
+    ] = False,
+) -> None:
+    """Write a project of your own: the stages, a params file without experiments, and what DVC and Git need."""
+    if renew:
+        renew_project(folder)
+        print(f"{folder / 'dvc.yaml'} and {folder / VERSION_FILE.partition('/')[0]} are of version {_version()}")
+        print("next: dvc repro; what is of another version is made anew")
+        return
+    with_git = make_project(folder)
+    print(
+        f"{folder} is a project: README.md says what is next{'; a Git repository was made there' if with_git else ''}"
+    )
+    if find_spec("dvc") is None:
+        print("its stages need more than is installed: pip install 'addressed-dynamics[pipeline]'")
+    print(f"next: cd {folder} && addressed-dynamics new NAME path/to/logs")
 
 
 @app.command()
@@ -277,6 +309,8 @@ def verdicts(
 @app.command()
 def ui(port: Annotated[int, typer.Option(min=1, max=65535, help="Port of the web page.")] = 5000) -> None:
     """Browse the runs in MLflow's user interface until Ctrl-C."""
+    if find_spec("mlflow") is None:  # it is run, and not imported
+        raise ModuleNotFoundError(name="mlflow")
     # MLflow takes seconds to import, and no other command needs it.
     from addressed_dynamics.tracking import serve_ui
 
@@ -304,6 +338,10 @@ def drive(
     from addressed_dynamics.cli.driving import drive_in_page
 
     drive_in_page(name, file, port=port, candidate=candidate, environment=environment, record_to=record_to, seed=seed)
+
+
+def _version() -> str:
+    return version("addressed-dynamics")
 
 
 def _add(file: Path, name: str, entries: dict[str, str], section: str) -> None:

@@ -152,7 +152,7 @@ def recorded_lengths(found: Found) -> list[int] | None:
 
 def source_lines(proposal: Proposal) -> Iterator[str]:
     """Yield the section `source`, with what the files say beside each dimension."""
-    yield "source: # docs/source-keys.md has every key"
+    yield "source: # 'addressed-dynamics source-keys' prints every key"
     for line in proposal.guessed:
         yield f"  # guessed {line}"
     for key, value in proposal.source.items():
