@@ -1,4 +1,4 @@
-"""Write the report, and keep it in MLflow together with the delivered model."""
+"""Write the report and the card of the delivered model, and keep the report in MLflow together with that model."""
 
 import platform
 from datetime import UTC, datetime
@@ -8,7 +8,8 @@ from addressed_dynamics.base.files import write_text
 from addressed_dynamics.base.kinds import supplied
 from addressed_dynamics.base.params.experiments import load_experiment
 from addressed_dynamics.base.versions import code_version, output_digests
-from addressed_dynamics.reporting.common.render import FIGURES
+from addressed_dynamics.reporting.common import card
+from addressed_dynamics.reporting.common.render import FIGURES, render_card
 from addressed_dynamics.reporting.common.written import Subject
 from addressed_dynamics.simulators.delivery import ROOMS
 from pipeline.stage import (
@@ -34,6 +35,7 @@ def main(call: Call) -> str:
     )  # fmt: skip
     written = supplied("reporting", call.kind).write(subject, target)
     write_text(target / "verdict.txt", f"{written.verdict}\n")
+    write_text(models / card.NAME, render_card(written.card or card.plain_card(subject, written.verdict)))
     with tracking.run(stage="report", experiment=experiment, name=f"{experiment} report", params={},
                       params_file=call.params_file, data=tables_dir(experiment)) as run:  # fmt: skip
         run.log(written.headline, step=0)

@@ -15,7 +15,7 @@ from addressed_dynamics.evaluation.motion.candidates import (
 from addressed_dynamics.evaluation.motion.closed_loop.commands import standard_script
 from addressed_dynamics.evaluation.motion.one_step import block_deviation
 from addressed_dynamics.evaluation.motion.recommending import recommend
-from addressed_dynamics.evaluation.motion.records import MotionEvaluation
+from addressed_dynamics.evaluation.motion.records import UNCALIBRATED, MotionEvaluation
 from addressed_dynamics.evaluation.motion.suite import (
     ClosedLoopPlan,
     MotionData,
@@ -80,7 +80,7 @@ def evaluate(tables: Path, models: Path, params: MotionEvaluationParams, *, core
     MotionEvaluation.model_validate(report)
     return Evaluated(
         report, arrays, {}, _headline(report), summarise(report), delivered, further,
-        uncalibrated="trust is calibrated for states and actions, and not for motion",
+        uncalibrated=UNCALIBRATED,
     )  # fmt: skip
 
 

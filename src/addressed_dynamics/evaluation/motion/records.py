@@ -11,6 +11,8 @@ from addressed_dynamics.evaluation.motion.closed_loop.measures import GaitRefere
 
 ENSEMBLE = "ensemble"
 """First part of the group of our own candidates, followed by the mode: `ensemble/argmax`."""
+UNCALIBRATED = "trust is calibrated for states and actions, and not for motion"
+"""Why no model of motion says how far it is to be trusted."""
 
 
 class BlockError(Record):

@@ -218,6 +218,10 @@ class Front:
     """What should stand here but was not measured, each with the command that does."""
 
 
+NOTHING = Front(answers={}, load="", sentences=())
+"""A first screen of which nothing is known."""
+
+
 @dataclass(frozen=True)
 class Section:
     """A part of the report."""
@@ -270,3 +274,19 @@ class Report:
     def charts(self) -> tuple[Chart, ...]:
         """All charts, in order."""
         return tuple(block for block in self.blocks if isinstance(block, Chart))
+
+
+@dataclass(frozen=True)
+class Card:
+    """What stands in the folder of an experiment's models. It is a function of what was measured: it has no date."""
+
+    title: str
+    """Its heading."""
+    subtitle: str
+    """One line below it."""
+    verdict: str
+    """The result in one or two sentences."""
+    load: tuple[str, ...]
+    """Lines of Python that load the model and ask it."""
+    sections: tuple[Section, ...] = ()
+    """The rest."""

@@ -5,11 +5,11 @@ from __future__ import annotations
 import base64
 from pathlib import Path
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
 from addressed_dynamics.base.files import atomic_path, write_text
-from addressed_dynamics.reporting.common.blocks import Report
+from addressed_dynamics.reporting.common.blocks import Card, Report
 from addressed_dynamics.reporting.common.charts import chart_json, value_table
 
 FIGURES = "figures"
@@ -36,9 +36,18 @@ def render_html(report: Report) -> str:
 
 def render_markdown(report: Report) -> str:
     """Return the report as Markdown that refers to the pictures in `FIGURES`."""
+    return _markdown("report.md.j2").render(report=report, figures=FIGURES)
+
+
+def render_card(card: Card) -> str:
+    """Return a model card as Markdown."""
+    return _markdown("card.md.j2").render(card=card, figures=FIGURES)
+
+
+def _markdown(template: str) -> Template:
     environment = _environment(autoescape=False)
     environment.filters["cell"] = lambda text: text.replace("|", "\\|")
-    return environment.get_template("report.md.j2").render(report=report, figures=FIGURES)
+    return environment.get_template(template)
 
 
 def _environment(*, autoescape: bool) -> Environment:

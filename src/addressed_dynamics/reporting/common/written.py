@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import torch
 
+from addressed_dynamics.reporting.common.blocks import Card
+
 
 @dataclass(frozen=True)
 class Subject:
@@ -43,3 +45,5 @@ class Written:
     """The report in a sentence or two."""
     model: tuple[torch.nn.Module, np.ndarray] | None = None
     """The delivered model with an example of its input, if it can be kept without this package."""
+    card: Card | None = None
+    """What stands beside the delivered model; None for no more than the verdict."""

@@ -7,6 +7,7 @@ from addressed_dynamics.reporting.common.document import write_account, write_un
 from addressed_dynamics.reporting.common.origin import load_trained, origin_of
 from addressed_dynamics.reporting.common.render import FIGURES
 from addressed_dynamics.reporting.common.written import Subject, Written
+from addressed_dynamics.reporting.motion.card import motion_card
 from addressed_dynamics.reporting.motion.document import motion_account, motion_headline
 from addressed_dynamics.reporting.motion.figures.films import write_motion_scene
 from addressed_dynamics.reporting.motion.results import load_motion_results
@@ -24,6 +25,7 @@ def write(subject: Subject, target: Path) -> Written:
     features = MotionFeatureParams.model_validate(trained.ensemble.notes["params"]["features"], strict=False)
     origin = origin_of(subject, trained, features)
     paper = subject.params.paper is not None
-    report = write_account(motion_account(results, origin, paper=paper), results, origin, subject, target)
+    told = motion_account(results, origin, paper=paper)
+    report = write_account(told, results, origin, subject, target)
     write_motion_scene(target / FIGURES / SCENE, results.evaluation, results.arrays)
-    return Written(motion_headline(results), report.verdict)
+    return Written(motion_headline(results), report.verdict, card=motion_card(subject, results, origin, told))

@@ -106,7 +106,7 @@ class MotionData(Record):
 
 def data_blocks(data: MotionData) -> tuple[Block, ...]:
     """Return the section on the data."""
-    return (Text(_summary(data)), _clip_table(data), _gait_table(data), Text((_quality(data.quality),)))
+    return (Text(summary(data)), _clip_table(data), _gait_table(data), Text((_quality(data.quality),)))
 
 
 def minutes(seconds: float) -> str:
@@ -114,7 +114,8 @@ def minutes(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.1f} min"
 
 
-def _summary(data: MotionData) -> tuple[str, ...]:
+def summary(data: MotionData) -> tuple[str, ...]:
+    """Return how much there is, and how it is split."""
     sizes = listed([f"{split.rows:,} for {SPLITS.get(name, name)}" for name, split in data.splits.items()])
     number, groups = len(data.clips), len(data.groups)
     mirrors = f", {groups} recordings with their mirrors" if groups < number else ""

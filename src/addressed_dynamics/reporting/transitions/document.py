@@ -47,7 +47,7 @@ def account(results: TransitionResults, origin: Origin[FeatureSpec], paper: Pape
     evaluation, features = results.evaluation, origin.features
     targets = judge_targets(evaluation, paper, transitions=results.data.transitions) if paper else ()
     film, others = _films(results, features)
-    efforts = _efforts(results, origin)
+    efforts = efforts_by_name(results, origin)
     every = overview_table(evaluation, efforts)
     found = (
         Section("Rollouts", _rollout_blocks(results, origin, paper, others)),
@@ -247,7 +247,8 @@ def _one_step_blocks(
     )
 
 
-def _efforts(results: TransitionResults, origin: Origin[FeatureSpec]) -> dict[str, Effort]:
+def efforts_by_name(results: TransitionResults, origin: Origin[FeatureSpec]) -> dict[str, Effort]:
+    """Return how long each candidate was trained, by its name."""
     train = results.data.splits.get("train")
     return efforts_of(results.baselines, origin.ensemble, train.transitions if train else None)
 
@@ -273,6 +274,6 @@ def _rollout_blocks(
 
 
 def _seed_blocks(results: TransitionResults, origin: Origin[FeatureSpec]) -> tuple[Block, ...]:
-    beside_one = specialists_table(results.evaluation, _efforts(results, origin))
+    beside_one = specialists_table(results.evaluation, efforts_by_name(results, origin))
     seeds = tables.seed_table(results.evaluation, results.addressing.delivered)
     return (seeds, *([beside_one] if beside_one else []))

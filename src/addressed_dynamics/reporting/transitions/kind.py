@@ -9,6 +9,7 @@ from addressed_dynamics.features.transitions.spec import FeatureSpec
 from addressed_dynamics.reporting.common.document import write_account, write_unfinished
 from addressed_dynamics.reporting.common.origin import load_trained, origin_of
 from addressed_dynamics.reporting.common.written import Subject, Written
+from addressed_dynamics.reporting.transitions.card import transitions_card
 from addressed_dynamics.reporting.transitions.document import account, headline
 from addressed_dynamics.reporting.transitions.paper import PAPER
 from addressed_dynamics.reporting.transitions.results import Arrays, load_results
@@ -28,10 +29,12 @@ def write(subject: Subject, target: Path) -> Written:
     features = trained.ensemble.features
     origin = origin_of(subject, trained, features, LIBRARIES)
     paper = PAPER[subject.params.paper] if subject.params.paper else None
-    report = write_account(account(results, origin, paper), results, origin, subject, target)
+    told = account(results, origin, paper)
+    report = write_account(told, results, origin, subject, target)
     model = PortableDynamics(AddressedDynamics.load(subject.models))
     example = _input_example(results.arrays, features.history)
-    return Written(headline(results, paper), report.verdict, (model, example))
+    card = transitions_card(subject, results, origin, told)
+    return Written(headline(results, paper), report.verdict, (model, example), card)
 
 
 def _input_example(arrays: Arrays, history: int) -> Float32[np.ndarray, "4 input"]:

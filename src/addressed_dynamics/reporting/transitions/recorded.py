@@ -130,6 +130,8 @@ class DataResult(Record):
     coverage: Coverage
     duplicates: Duplicates
     quality: tuple[FindingResult, ...]
+    ranges: dict[str, RangeResult] = Field(default_factory=dict)
+    """The dimensions of the state by name; empty in results of earlier versions."""
     exogenous: dict[str, RangeResult] = Field(default_factory=dict)
     """The exogenous inputs by name; none in most worlds."""
     blocks: BlocksResult | None = None

@@ -161,7 +161,7 @@ def _sentences(trust: TrustRecord) -> Iterator[str]:
         yield _horizon_sentence(trust, trust.trusted_steps)
     if trust.knows_break_even:
         yield _break_even_sentence(trust)
-    if sentence := _shifts_sentence(trust.shifts):
+    if sentence := shifts_sentence(trust.shifts):
         yield sentence
     if sentence := _risk_sentence(trust.risk):
         yield sentence
@@ -201,7 +201,8 @@ def _break_even_sentence(trust: TrustRecord) -> str:
     return f"From step {steps:,} of a rollout on{at}, to say that nothing changes is the better guess."
 
 
-def _shifts_sentence(shifts: Mapping[str, ShiftRecord]) -> str:
+def shifts_sentence(shifts: Mapping[str, ShiftRecord]) -> str:
+    """Return under which shifts trust warns before a step goes wrong; empty if there are none."""
     areas = {name: (each.auroc.get("trust"), each.auroc.get("surprise")) for name, each in shifts.items()}
     told = [name for name, (before, _) in areas.items() if before is not None and before >= TELLS]
     others = {name: after for name, (before, after) in areas.items() if before is not None and before < TELLS}
