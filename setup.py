@@ -9,7 +9,10 @@ from setuptools.command.build_py import build_py
 ROOT = Path(__file__).parent
 PROJECT = "addressed_dynamics/cli/templates/repository"
 """Where the package looks for it; in a checkout, which has no such folder, it looks into the repository itself."""
-FILES = ("dvc.yaml", ".dvcignore", ".dvc/config", ".dvc/.gitignore", "pipeline/*.py", "released/*")
+FILES = (
+    "dvc.yaml", ".dvcignore", ".dvc/config", ".dvc/.gitignore", "pipeline/*.py", "released/README.md",
+    "released/.gitignore",
+)  # fmt: skip
 """What a project has in common with this one."""
 
 
@@ -21,10 +24,14 @@ class BuildWithProject(build_py):
         super().run()
         if self.editable_mode:
             return
-        for file in sorted(path for pattern in FILES for path in ROOT.glob(pattern) if path.is_file()):
-            target = Path(self.build_lib, PROJECT, file.relative_to(ROOT))
-            target.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(file, target)
+        for pattern in FILES:
+            found = sorted(ROOT.glob(pattern))
+            if not found:
+                raise FileNotFoundError(ROOT / pattern)
+            for file in found:
+                target = Path(self.build_lib, PROJECT, file.relative_to(ROOT))
+                target.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(file, target)
 
 
 setup(cmdclass={"build_py": BuildWithProject})

@@ -20,14 +20,18 @@ PACKAGED = "addressed_dynamics/cli/templates/repository/"
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A wheel of this working tree, built from a copy of it."""
+    """A wheel of this working tree, built from an archive of the sources of a copy of it."""
     source, target = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("dist")
     for name in listed_files():
         if not name.startswith(("tests/", "docs/", "benchmarks/", "data/")):
             (source / name).parent.mkdir(parents=True, exist_ok=True)
             (source / name).write_bytes((ROOT / name).read_bytes())
-    command = [sys.executable, "-m", "pip", "--quiet", "wheel", "--no-deps", "--no-build-isolation"]
-    subprocess.run([*command, "--wheel-dir", target, source], check=True, capture_output=True, text=True)
+    build = ["-c", "import sys; from setuptools import build_meta; build_meta.build_sdist(sys.argv[1])", target]
+    subprocess.run([sys.executable, *build], cwd=source, check=True, capture_output=True, text=True)
+    (archive,) = target.iterdir()
+    wheel = ["-m", "pip", "--quiet", "wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", target, archive]
+    subprocess.run([sys.executable, *wheel], check=True, capture_output=True, text=True)
+    archive.unlink()
     (path,) = target.iterdir()
     return path
 
