@@ -112,6 +112,16 @@ def test_a_folder_of_a_repository_gets_none_of_its_own(init, tmp_path: Path) -> 
     assert not (tmp_path / "deep" / "mine" / ".git").exists()
 
 
+def test_ctrl_c_leaves_nothing_either(init, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(folder: Path) -> bool:
+        (folder / ".git").mkdir()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(project, "_init_git", interrupted)
+    assert init("mine")[0] == 130
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.parametrize("name", ["mine", "deep/mine", "."])
 def test_a_project_that_cannot_be_finished_leaves_nothing(
     init, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
@@ -145,6 +155,9 @@ def test_a_project_is_renewed_unless_that_would_lose_what_git_does_not_have(init
     assert "no project" in init(".", "--renew")[2]
     init("mine")
     folder = tmp_path / "mine"
+    (folder / ".git").rename(tmp_path / "elsewhere")
+    assert "in no Git repository" in init("mine", "--renew")[2]
+    (tmp_path / "elsewhere").rename(folder / ".git")
     assert "commit it first" in init("mine", "--renew")[2]
     (folder / VERSION_FILE).write_text("0.0.1\n")
     (folder / "pipeline" / "old.py").write_text("# of 0.0.1\n")

@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Iterator
+from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path
 
@@ -51,15 +52,19 @@ def make_project(folder: Path) -> bool:
     names = sorted({Path(name).parts[0] for name in files})
     _check_free(folder, names)
     made = [each for each in (folder, *folder.parents) if not each.exists()]
+    new = [folder / name for name in (*names, ".git") if not (folder / name).exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         _put(folder, files, names)
         return _init_git(folder)
-    except (OSError, subprocess.SubprocessError) as error:
-        for name in names:
-            _remove(folder / name)
+    except BaseException as error:
+        for path in new:
+            _remove(path)
         for each in made:
-            shutil.rmtree(each, ignore_errors=True) if each == folder else each.rmdir()
+            with suppress(OSError):
+                each.rmdir()
+        if not isinstance(error, OSError | subprocess.SubprocessError):
+            raise
         message = f"{folder}: the project cannot be written ({_reason(error)}); nothing was left there"
         raise ProjectError(message) from error
 
@@ -73,6 +78,9 @@ def renew_project(folder: Path) -> None:
     if not (folder / VERSION_FILE).is_file():
         message = f"{folder}: no project that 'addressed-dynamics init' made: there is no {VERSION_FILE}"
         raise ProjectError(message)
+    if _git(folder, "rev-parse", "--is-inside-work-tree") != "true":
+        message = f"{folder}: in no Git repository, so nothing would be left of what is replaced; 'git init' it first"
+        raise ProjectError(message)
     changed = _git(folder, "status", "--porcelain", "--", STAGES, PIPELINE).splitlines()
     if changed:
         paths = ", ".join(line[3:] for line in changed)
@@ -82,7 +90,9 @@ def renew_project(folder: Path) -> None:
     try:
         _put(folder, files, [PIPELINE, STAGES])
     except OSError as error:
-        message = f"{folder}: the stages cannot be written ({_reason(error)})"
+        message = (
+            f"{folder}: the stages cannot be written ({_reason(error)}); 'git checkout .' brings back what was there"
+        )
         raise ProjectError(message) from error
 
 
