@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import yaml  # type: ignore[import-untyped]  # the stubs are a package of their own
 
-from addressed_dynamics.base.versions import code_version, data_digest, output_digests
+from addressed_dynamics.base.versions import code_version, data_digest, output_digests, tree_digest
 
 MD5 = "0123456789abcdef0123456789abcdef"
 LOCK = """
@@ -56,8 +56,19 @@ def test_the_digest_of_an_output_depends_on_its_files_and_on_nothing_else(tmp_pa
         os.utime(file, (0, 0))
     shutil.copytree(models, tmp_path / "other machine")
     assert output_digests(tmp_path / "other machine") == before
+    assert tree_digest(tmp_path / "other machine") == tree_digest(models)
     # By hand: the SHA-256 of, for each file, its own SHA-256, a space, its name and a zero byte; the first 16 digits.
     assert before["ensemble/seed-0"] == "7b94a2bb3bcd6e52"
+
+
+def test_the_digest_of_a_tree_depends_on_every_file_and_on_its_place(tmp_path: Path) -> None:
+    models = write_models(tmp_path)
+    found = {tree_digest(models)}
+    (models / "ensemble" / "ensemble.json").write_text("{ }")  # which no innermost folder holds
+    found.add(tree_digest(models))
+    (models / "ensemble" / "ensemble.json").rename(models / "ensemble.json")
+    found.add(tree_digest(models))
+    assert len(found) == 3
 
 
 @pytest.mark.parametrize("edit", ["content", "name", "swap", "more"])

@@ -62,7 +62,9 @@ def output_digests(folder: Path) -> dict[str, str]:
         files.setdefault(file.parent, []).append(file)
     outer = {parent for inner in files for parent in inner.parents}
     return {
-        inner.relative_to(folder).as_posix(): _digest(inside) for inner, inside in files.items() if inner not in outer
+        inner.relative_to(folder).as_posix(): _digest(inner, inside)
+        for inner, inside in files.items()
+        if inner not in outer
     }
 
 
@@ -82,12 +84,21 @@ def hash_sources(paths: Iterable[Path]) -> str:
     return digest.hexdigest()
 
 
-def _digest(files: list[Path]) -> str:
+def tree_digest(folder: Path) -> str:
+    """Return a digest of all files in `folder` and below, a function of their paths in there and of their bytes.
+
+    Raises:
+        OSError: a file cannot be read.
+    """
+    return _digest(folder, sorted(path for path in folder.rglob("*") if path.is_file()))
+
+
+def _digest(folder: Path, files: list[Path]) -> str:
     digest = hashlib.sha256()
     for file in files:
         with file.open("rb") as stream:
             content = hashlib.file_digest(stream, "sha256").hexdigest()
-        digest.update(f"{content} {file.name}\0".encode())
+        digest.update(f"{content} {file.relative_to(folder).as_posix()}\0".encode())
     return digest.hexdigest()[:_DIGITS]
 
 

@@ -178,17 +178,17 @@ def _in_order(parts: Sequence[Transitions]) -> Transitions:
 
 def _schema(spec: SpaceSpec) -> pa.Schema:
     action = (
-        [(name, pa.float32()) for name in _names("action", spec.action.dimensions)]
+        [(name, pa.float32()) for name in column_names("action", spec.action.dimensions)]
         if isinstance(spec.action, ContinuousAction)
         else [("action", pa.int64())]
     )
     columns = [
         *((name, SCALARS[name]) for name in COUNTERS),
-        *((name, pa.float32()) for name in _names("observation", spec.observation)),
+        *((name, pa.float32()) for name in column_names("observation", spec.observation)),
         *action,
-        *((name, pa.float32()) for name in _names("exogenous", spec.exogenous)),
+        *((name, pa.float32()) for name in column_names("exogenous", spec.exogenous)),
         ("reward", SCALARS["reward"]),
-        *((name, pa.float32()) for name in _names("next_observation", spec.observation)),
+        *((name, pa.float32()) for name in column_names("next_observation", spec.observation)),
         *((name, SCALARS[name]) for name in ("terminated", "truncated")),
         ("split", LABEL),
         ("segment", LABEL),
@@ -197,20 +197,23 @@ def _schema(spec: SpaceSpec) -> pa.Schema:
     return described(columns, about)
 
 
-def _names(prefix: str, dimensions: tuple[Dimension, ...]) -> list[str]:
-    return [f"{prefix}.{dimension.name}" for dimension in dimensions]
+def column_names(role: str, dimensions: tuple[Dimension, ...]) -> list[str]:
+    """Return what the columns of dimensions are called: `observation.position`, where `observation` is the role."""
+    return [f"{role}.{dimension.name}" for dimension in dimensions]
 
 
 def _columns(table: TransitionTable) -> dict[str, Any]:
     transitions, spec = table.transitions, table.transitions.spec
     columns: dict[str, Any] = {name: getattr(transitions, name) for name in SCALARS}
-    columns |= dict(zip(_names("observation", spec.observation), transitions.observation.T, strict=True))
-    columns |= dict(zip(_names("next_observation", spec.observation), transitions.next_observation.T, strict=True))
+    columns |= dict(zip(column_names("observation", spec.observation), transitions.observation.T, strict=True))
+    columns |= dict(
+        zip(column_names("next_observation", spec.observation), transitions.next_observation.T, strict=True)
+    )
     if isinstance(spec.action, ContinuousAction):
-        columns |= dict(zip(_names("action", spec.action.dimensions), transitions.action.T, strict=True))
+        columns |= dict(zip(column_names("action", spec.action.dimensions), transitions.action.T, strict=True))
     else:
         columns["action"] = transitions.action
-    columns |= dict(zip(_names("exogenous", spec.exogenous), transitions.exogenous.T, strict=True))
+    columns |= dict(zip(column_names("exogenous", spec.exogenous), transitions.exogenous.T, strict=True))
     columns["split"] = pa.DictionaryArray.from_arrays(pa.array(table.split, pa.int8()), list(SPLITS))
     codes = pa.array(np.zeros(len(transitions), dtype=np.int8))
     columns["segment"] = pa.DictionaryArray.from_arrays(codes, [table.segment])
@@ -228,12 +231,12 @@ def _spec(schema: pa.Schema, path: Path) -> SpaceSpec:
 def _arrays(table: pa.Table, spec: SpaceSpec) -> dict[str, Any]:
     arrays = {name: table.column(name).to_numpy() for name in SCALARS}
     for name in ("observation", "next_observation"):
-        arrays[name] = stack(table, _names(name, spec.observation))
+        arrays[name] = stack(table, column_names(name, spec.observation))
     if isinstance(spec.action, ContinuousAction):
-        arrays["action"] = stack(table, _names("action", spec.action.dimensions))
+        arrays["action"] = stack(table, column_names("action", spec.action.dimensions))
     else:
         arrays["action"] = table.column("action").to_numpy()
-    arrays["exogenous"] = stack(table, _names("exogenous", spec.exogenous))
+    arrays["exogenous"] = stack(table, column_names("exogenous", spec.exogenous))
     return arrays
 
 
