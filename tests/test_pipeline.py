@@ -73,7 +73,7 @@ def dependencies(stage: str, kind: str) -> set[str]:
     return {dep for dep in named if dep.startswith(("src/", "pipeline/"))}
 
 
-TRACKING = ("__init__", "parents", "runs", "store", "ui", "views")
+TRACKING = ("__init__", "parents", "registry", "runs", "store", "ui", "views")
 UNSEEN = {
     "pipeline/__init__.py",
     "src/addressed_dynamics/__init__.py",

@@ -12,21 +12,23 @@ import logging
 import os
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager, nullcontext, suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, Any, Literal, final
 from urllib.parse import urlsplit
 
 import numpy as np
 from jaxtyping import Float32
 
+from addressed_dynamics.base.criteria import Criterion
 from addressed_dynamics.base.errors import TrackingError
 from addressed_dynamics.base.files import save_arrays
 from addressed_dynamics.base.versions import code_changed, data_digest, git_commit, output_digests
 from addressed_dynamics.tracking.parents import DATA_TAG, PARENT_TAG, Parents, Pipeline, log_params, pipeline_of
+from addressed_dynamics.tracking.registry import Offer, Registered, register
 from addressed_dynamics.tracking.store import (
     Store,
     connect,
@@ -41,6 +43,8 @@ from addressed_dynamics.tracking.views import run_path, verdict_tags
 
 if TYPE_CHECKING:
     import torch
+
+    from addressed_dynamics.simulators.serving import Served
 
 OUTPUT_TAG = "output"
 """Tag of a finished run: the digests of what it made, with spaces between them, see `output_digests`."""
@@ -126,10 +130,9 @@ class Run:
             save_arrays(file, dict(arrays))
             self._client.log_artifact(run_id, str(file))
 
-    def log_dataset(self, name: str, path: Path, digest: str | None = None) -> None:
-        """Say which data the run used; `digest` is by default what DVC has for `path`, see `data_digest`."""
-        digest = digest or data_digest(path)
-        self._attempt(f"the dataset {name}", lambda run_id: self._log_dataset(run_id, name, path, digest))
+    def log_dataset(self, name: str, path: Path, context: Literal["training", "evaluation"] = "training") -> None:
+        """Say which data the run used, and for what; their digest is what DVC has for `path`, see `data_digest`."""
+        self._attempt(f"the dataset {name}", lambda run_id: self._log_dataset(run_id, name, path, context))
 
     def log_model(self, module: torch.nn.Module, input_example: Float32[np.ndarray, "sample input"], name: str) -> None:
         """Keep `module` with the run as an MLflow model that loads without this package and without pickle.
@@ -160,6 +163,41 @@ class Run:
         """
         self._attempt("the verdict", lambda run_id: self._conclude(run_id, verdict, figures, outputs), give_up=False)
 
+    def register(
+        self,
+        name: str,
+        pack: Callable[[Path], Served],
+        *,
+        criteria: Sequence[Criterion],
+        figures: Mapping[str, float],
+        evaluation: Mapping[str, Any],
+        data: Path,
+    ) -> Registered | None:
+        """Register the model that was delivered, once, and let the alias `champion` move to it if it is better.
+
+        Args:
+            name: name of the registered model, that of the experiment.
+            pack: writes its files into a new folder, and returns the model, loaded from there.
+            criteria: what it reaches on validation data, what counts most first.
+            figures: what it reaches on test data; logged with the model.
+            evaluation: params of the evaluation.
+            data: the tables that it was evaluated on.
+
+        Returns:
+            What became of it; None, and a warning, if that failed.
+        """
+        found: list[Registered] = []
+
+        def act(run_id: str) -> None:
+            with tempfile.TemporaryDirectory() as temporary:
+                folder = Path(temporary) / "model"
+                offer = Offer(name, folder, pack(folder), criteria, figures, evaluation, data_digest(data))
+                with _locked_store():
+                    found.append(register(self._client, run_id, offer))
+
+        self._attempt(f"the delivered model of {name}", act, give_up=False)
+        return found[0] if found else None
+
     def _conclude(self, run_id: str, verdict: str, figures: Mapping[str, float], outputs: Iterable[str]) -> None:
         from mlflow.entities import Metric
 
@@ -185,11 +223,12 @@ class Run:
             raise TrackingError(message)
         self._digests |= dict.fromkeys(digests)
 
-    def _log_dataset(self, run_id: str, name: str, path: Path, digest: str | None) -> None:
+    def _log_dataset(self, run_id: str, name: str, path: Path, context: str) -> None:
         from mlflow.entities import Dataset, DatasetInput, InputTag
 
+        digest = data_digest(path)
         dataset = Dataset(name, digest or "unknown", source_type="local", source=json.dumps({"uri": path.as_posix()}))
-        tags = [InputTag("mlflow.data.context", "training")]
+        tags = [InputTag("mlflow.data.context", context)]
         self._client.log_inputs(run_id, datasets=[DatasetInput(dataset, tags)])
         if digest is not None:
             self._client.set_tag(run_id, DATA_TAG, digest)
@@ -340,9 +379,14 @@ def _open(
 
 
 def _open_parent(store: Store, client: Any, experiment_id: str, pipeline: Pipeline, tags: Mapping[str, str]) -> str:
-    # Two stages at once would each make one.
-    with nullcontext() if store.folder is None else locked(store.folder):
+    with _locked_store(store):  # two stages at once would each make one
         return _parents.open(client, experiment_id, pipeline, tags)
+
+
+def _locked_store(store: Store | None = None) -> AbstractContextManager[object]:
+    """Return the lock of a store, by default that of all runs; a server takes care of itself."""
+    folder = (store or find_store()).folder
+    return nullcontext() if folder is None else locked(folder)
 
 
 def _reference(run: Any) -> RunReference:

@@ -39,7 +39,12 @@ ENVIRONMENT = {
 }
 
 _LOCK_SECONDS = 60.0
-_PLACES = (("experiments", "artifact_location"), ("runs", "artifact_uri"), ("logged_models", "artifact_location"))
+_PLACES = (
+    ("experiments", "artifact_location"),
+    ("runs", "artifact_uri"),
+    ("logged_models", "artifact_location"),
+    ("model_versions", "storage_location"),
+)
 """Columns of MLflow's tables that hold where files are, as absolute addresses."""
 
 

@@ -50,6 +50,23 @@ def run_path(experiment_id: str, run_id: str) -> str:
     return f"#/experiments/{experiment_id}/runs/{run_id}?{_WORKFLOW}"
 
 
+def model_path(experiment_id: str, model_id: str) -> str:
+    """Return where the page of a logged model is, on whichever host and port."""
+    return f"#/experiments/{experiment_id}/models/{model_id}"
+
+
+def model_description(name: str) -> str:
+    """Return what the page of a registered model says of it, in Markdown."""
+    return (
+        f"The learned simulator of {name}: from a table of states and actions to the next states. A version is a model "
+        "that an evaluation delivered.\n\n"
+        "`champion` is the version to use. The alias moves to a new one only if that is better on validation data, and "
+        "both were measured on the same data with the same params; each version says why it moved or stayed. After a "
+        "change of the data, move it by hand.\n\n"
+        f'`mlflow.pyfunc.load_model("models:/{name}@champion")`'
+    )
+
+
 def view_path(experiment_id: str) -> str:
     """Return where an experiment's runs are with the saved view, on whichever host and port."""
     return f"#/experiments/{experiment_id}/runs?{_WORKFLOW}&viewStateShareKey={VIEW}"

@@ -1,16 +1,18 @@
 """What the evaluation of an experiment comes to."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from addressed_dynamics.base.criteria import Criterion
 from addressed_dynamics.base.files import save_arrays, write_json, write_rows
 from addressed_dynamics.evaluation.common.measures import MEASURES, Row, rows_of, write_rows_of_measures
 from addressed_dynamics.simulators.calibrated import Calibrated
 from addressed_dynamics.simulators.delivery import Delivered
+from addressed_dynamics.simulators.serving import Served
 from addressed_dynamics.simulators.starts import Starts
 
 
@@ -38,6 +40,13 @@ class Evaluated:
     """Why that is known of none; None if it is of some."""
     starts: Starts | None = None
     """Where a learned environment starts; None if models of this kind of data make none."""
+    criteria: Sequence[Criterion] = ()
+    """What the delivered model reaches on validation data, what counts most first; nothing if that was not measured."""
+    figures: Mapping[str, float] = field(default_factory=dict)
+    """What it reaches on test data."""
+    load_served: Callable[[Path], Served] | None = None
+    """Loads what is delivered of a folder of models as a function of a table; None if models of this kind of data are
+    none."""
 
 
 def write_evaluated(found: Evaluated, folder: Path) -> None:

@@ -14,7 +14,7 @@ from addressed_dynamics.evaluation.motion.candidates import (
 )
 from addressed_dynamics.evaluation.motion.closed_loop.commands import standard_script
 from addressed_dynamics.evaluation.motion.one_step import block_deviation
-from addressed_dynamics.evaluation.motion.recommending import recommend
+from addressed_dynamics.evaluation.motion.recommending import Score, recommend
 from addressed_dynamics.evaluation.motion.records import UNCALIBRATED, MotionEvaluation
 from addressed_dynamics.evaluation.motion.suite import (
     ClosedLoopPlan,
@@ -28,6 +28,7 @@ from addressed_dynamics.evaluation.motion.summary import summarise
 from addressed_dynamics.features.motion.features import MotionFeatures
 from addressed_dynamics.networks.files import load_network
 from addressed_dynamics.simulators.delivery import Delivered
+from addressed_dynamics.simulators.serving_motion import load_served
 from addressed_dynamics.sources.motion.params import MotionEvaluationParams
 from addressed_dynamics.sources.motion.splits import MotionSplit
 from addressed_dynamics.sources.motion.tables import load_motion, read_columns
@@ -78,18 +79,28 @@ def evaluate(tables: Path, models: Path, params: MotionEvaluationParams, *, core
     delivered = Delivered(seed, None, mode, recommended)
     further = further_rows(f"{__package__}.measures", candidates, data)
     MotionEvaluation.model_validate(report)
+    own, measured = f"ensemble/{mode}/seed-{seed}", report["recommendation"]["scores"]
     return Evaluated(
         report, arrays, {}, _headline(report), summarise(report), delivered, further,
         uncalibrated=UNCALIBRATED,
+        criteria=Score(**measured[own]).criteria() if own in measured else (), figures=_figures(report, own),
+        load_served=load_served,
     )  # fmt: skip
 
 
 def _headline(report: dict[str, Any]) -> dict[str, float]:
     """Return the figures that a table of runs should show."""
     delivered = report["delivered"]
-    own = report["candidates"][f"ensemble/{delivered['mode']}/seed-{delivered['seed']}"]
+    found = _figures(report, f"ensemble/{delivered['mode']}/seed-{delivered['seed']}")
+    names = {"mae": "mae/test", "mae_normalised": "mae_normalised/test", "closed_loop": "closed_loop/score"}
+    return {names[name]: value for name, value in found.items()}
+
+
+def _figures(report: dict[str, Any], name: str) -> dict[str, float]:
+    """Return what a candidate reaches on test clips and under the standard script."""
+    found = report["candidates"][name]
     return {
-        "mae/test": own["one_step"]["test"]["raw"],
-        "mae_normalised/test": own["one_step"]["test"]["normalised"],
-        "closed_loop/score": own["closed_loop"]["score"],
+        "mae": found["one_step"]["test"]["raw"],
+        "mae_normalised": found["one_step"]["test"]["normalised"],
+        "closed_loop": found["closed_loop"]["score"],
     }

@@ -11,6 +11,7 @@ from typing import Any
 
 from jaxtyping import Float
 
+from addressed_dynamics.base.criteria import Criterion
 from addressed_dynamics.episodes.motion import Motion
 from addressed_dynamics.evaluation.motion.candidates import ENSEMBLE, MotionCandidate
 from addressed_dynamics.evaluation.motion.one_step import one_step_errors
@@ -28,6 +29,13 @@ class Score:
     """Score under the validation scripts, 0 to 1; the higher the better."""
     mae_normalised: float
     """Mean absolute error of a step on validation frames, in units of each output's deviation."""
+
+    def criteria(self) -> tuple[Criterion, ...]:
+        """Return what `choose` compares, to be compared with a model of another run."""
+        return (
+            Criterion("closed_loop", self.closed_loop, higher_is_better=True, tie=TIE),
+            Criterion("mae_normalised", self.mae_normalised, higher_is_better=False),
+        )
 
 
 def recommend(

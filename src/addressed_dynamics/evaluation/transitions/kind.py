@@ -31,7 +31,7 @@ from addressed_dynamics.evaluation.transitions.hindsight import evaluate_guesses
 from addressed_dynamics.evaluation.transitions.horizons import median_course, percent_of_range
 from addressed_dynamics.evaluation.transitions.noise_floor import noise_floor
 from addressed_dynamics.evaluation.transitions.points import Points
-from addressed_dynamics.evaluation.transitions.recommending import deliver, recommend
+from addressed_dynamics.evaluation.transitions.recommending import Score, deliver, recommend
 from addressed_dynamics.evaluation.transitions.records import Evaluation
 from addressed_dynamics.evaluation.transitions.repeats import repeats
 from addressed_dynamics.evaluation.transitions.rollouts import roll_out, seen_range, squared_errors
@@ -55,6 +55,7 @@ from addressed_dynamics.features.transitions.spec import FeatureSpec
 from addressed_dynamics.networks.files import load_network
 from addressed_dynamics.simulators.calibrated import Calibrated
 from addressed_dynamics.simulators.delivery import ENSEMBLE, Choice, Delivered, Origin
+from addressed_dynamics.simulators.serving_transitions import load_served
 from addressed_dynamics.sources.transitions.params import EvaluationParams
 from addressed_dynamics.training.ensemble import untrained_ensemble
 from addressed_dynamics.training.losses import reported_loss
@@ -139,6 +140,7 @@ def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int
     return Evaluated(
         report, arrays, {"horizon": horizon}, _headline(report), summary, chosen, further, trusted.calibrated,
         trusted.missing, starts_of(points["train"].transitions, features.history),
+        Score(**chosen.scores[name]).criteria() if name in chosen.scores else (), _figures(report, name), load_served,
     )  # fmt: skip
 
 
@@ -204,12 +206,19 @@ def _headline(report: dict[str, Any]) -> dict[str, float]:
     """Return the figures that a table of runs should show."""
     delivered = report["delivered"]
     table = report["seeds"][str(delivered["seed"])][delivered["variant"]]
-    result = report["candidates"]["ensemble/argmax"]
+    found = _figures(report, "ensemble/argmax")
     metrics = {"agreement": table["agreement"], "misclassified_per_thousand": table["misclassified_per_thousand"]}
-    metrics |= {"loss/test": result["one_step"]["scaled"]["mean"], "regret/mean": table["regret"]["mean"]}
+    metrics |= {"loss/test": found.pop("loss"), "regret/mean": table["regret"]["mean"]}
+    return metrics | found | _trust_headline(report["trust"] or {})
+
+
+def _figures(report: Mapping[str, Any], name: str) -> dict[str, float]:
+    """Return what a candidate reaches on test episodes: its loss, and the median errors of its rollouts."""
+    result = report["candidates"][name]
     rollouts = result["rollouts"]["groups"]["all"]["mse"]
-    metrics |= {f"rollout_mse/{name}": spread["median"] for name, spread in rollouts.items()}
-    return metrics | _trust_headline(report["trust"] or {})
+    return {"loss": result["one_step"]["scaled"]["mean"]} | {
+        f"rollout_mse/{dimension}": spread["median"] for dimension, spread in rollouts.items() if spread is not None
+    }
 
 
 def _trust_headline(trust: Mapping[str, Any]) -> dict[str, float]:

@@ -12,6 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Float32
 
+from addressed_dynamics.base.criteria import Criterion
 from addressed_dynamics.evaluation.transitions.candidates import Candidate, origin_of
 from addressed_dynamics.evaluation.transitions.horizons import (
     median_course,
@@ -47,6 +48,14 @@ class Score:
     def rank(self) -> tuple[float, float, float]:
         """The lower the better: horizon first, then the error of rollouts, then that of a step."""
         return -self.horizon_seconds, self.rollout_percent, self.one_step_percent
+
+    def criteria(self) -> tuple[Criterion, ...]:
+        """Return what `rank` compares, to be compared with a model of another run."""
+        return (
+            Criterion("horizon_seconds", self.horizon_seconds, higher_is_better=True),
+            Criterion("rollout_percent", self.rollout_percent, higher_is_better=False),
+            Criterion("one_step_percent", self.one_step_percent, higher_is_better=False),
+        )
 
 
 def recommend(
