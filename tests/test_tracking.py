@@ -1,6 +1,5 @@
 import json
 import logging
-import os
 import shutil
 import signal
 import socket
@@ -10,7 +9,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from addressed_dynamics import tracking
@@ -135,35 +133,6 @@ def test_a_new_experiment_has_a_saved_view_with_metric_columns(store: Path) -> N
     tags = client(store).get_experiment_by_name("view").tags
     state = json.loads(json.loads(tags["mlflow.sharedViewState.overview"])["state"])
     assert "metrics.`loss/validation`" in state["selectedColumns"]
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:.*Any type hint is inferred:UserWarning")  # MLflow's, about itself
-def test_a_logged_model_loads_again_and_gives_the_same_outputs(store: Path) -> None:
-    import mlflow.pyfunc
-    import torch
-
-    module = torch.nn.Sequential(torch.nn.Linear(5, 8), torch.nn.ReLU(), torch.nn.Linear(8, 2))
-    inputs = np.random.default_rng(0).normal(size=(7, 5)).astype(np.float32)
-    with tracking.run(stage="s", experiment="model", name="n", params={}) as run:
-        run.log_model(module, inputs[:4], "ensemble")
-    (output,) = only_run(store, "model").outputs.model_outputs
-    folder = store / ".mlflow" / "artifacts" / "model" / "models" / output.model_id / "artifacts"
-    loaded = mlflow.pyfunc.load_model(str(folder))
-    np.testing.assert_allclose(loaded.predict(inputs), module(torch.from_numpy(inputs)).detach().numpy(), rtol=1e-6)
-    assert "MLFLOW_TRACKING_URI" not in os.environ
-
-
-def test_a_model_that_cannot_be_traced_costs_a_warning_and_nothing_else(
-    store: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    import torch
-
-    with tracking.run(stage="s", experiment="untraceable", name="n", params={}) as run:
-        run.log_model(torch.nn.Linear(4, 2), np.zeros((2, 5), dtype=np.float32), "wrong_width")
-        run.log({"loss/train": 1.0}, step=0)
-    assert [record.levelno for record in caplog.records] == [logging.WARNING]
-    assert only_run(store, "untraceable").data.metrics == {"loss/train": 1.0}
 
 
 def test_without_a_server_training_goes_on_after_one_warning(
@@ -419,6 +388,24 @@ def test_a_stage_that_fails_leaves_the_run_of_the_pipeline_failed_until_the_next
     ):
         assert client(store).get_run(above.info.run_id).info.status == "RUNNING"
     assert client(store).get_run(above.info.run_id).info.status == "FINISHED"
+
+
+def test_a_machine_that_cannot_be_watched_costs_a_warning_and_nothing_else(
+    store: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    from mlflow.system_metrics.system_metrics_monitor import SystemMetricsMonitor
+
+    def fail(_: object) -> None:
+        message = "no psutil here"
+        raise RuntimeError(message)
+
+    monkeypatch.setattr(SystemMetricsMonitor, "start", fail)
+    write_params(store, "unwatched")
+    log_stage("unwatched", "evaluate", **{"loss/test": 0.5})
+    assert [record.getMessage() for record in caplog.records if record.name == tracking.__name__] == [
+        "MLflow: could not watch the machine (no psutil here); going on without system metrics"
+    ]
+    assert {run.info.status for run in runs_of(store, "unwatched").values()} == {"FINISHED"}
 
 
 def experiment_tags(root: Path, experiment: str) -> dict[str, str]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import logging
 import os
 from collections import Counter
 from collections.abc import Mapping
@@ -30,6 +31,7 @@ PIPELINE_TAG = "pipeline"
 STAGE = "pipeline"
 """What the column of stages says of it."""
 
+_log = logging.getLogger("addressed_dynamics.tracking")
 _DIGITS = 16
 _MOST_PARAMS = 100  # that a request to MLflow may have
 _COMMIT = 7
@@ -130,7 +132,8 @@ def _watch_machine(uri: str, run_id: str) -> Any:
         from mlflow.system_metrics.system_metrics_monitor import SystemMetricsMonitor
 
         monitor = SystemMetricsMonitor(run_id, resume_logging=True, tracking_uri=uri)
-    except Exception:  # psutil may be missing, and what it asks the machine for may be, too
+        monitor.start()
+    except Exception as error:  # psutil may be missing, and what it asks the machine for may be, too
+        _log.warning("MLflow: could not watch the machine (%s); going on without system metrics", error)
         return None
-    monitor.start()
     return monitor
