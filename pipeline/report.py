@@ -1,4 +1,4 @@
-"""Write the report and the card of the delivered model, and keep the report in MLflow together with that model."""
+"""Write the report and the card of the delivered model, and keep the report in MLflow."""
 
 import platform
 from datetime import UTC, datetime
@@ -42,9 +42,6 @@ def main(call: Call) -> str:
         run.conclude(written.verdict, written.headline, trained.values())
         run.log_artifact(target / "report.html")
         run.log_artifact(target / FIGURES, FIGURES)
-        if written.model is not None:
-            model, example = written.model
-            run.log_model(model, example, experiment)
     return f"{written.verdict} {target / 'report.html'}"
 
 

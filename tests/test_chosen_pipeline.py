@@ -27,7 +27,7 @@ class NoRun:
     def log(self, *_: object, **__: object) -> None:
         """Leave out what is logged."""
 
-    log_dataset = log_output = log_artifact = log_arrays = log_model = conclude = log
+    log_dataset = log_output = log_artifact = log_arrays = register = conclude = log
 
 
 def section() -> dict[str, Any]:

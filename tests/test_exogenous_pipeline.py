@@ -1,6 +1,7 @@
 """Exogenous inputs through all stages: from a CSV file with a column of them to the report."""
 
 import json
+from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from learning import BOAT, sail
 from addressed_dynamics import AddressedDynamics, tracking
 from addressed_dynamics.envs import LEARNED
 from addressed_dynamics.episodes.parquet import load_transitions
+from addressed_dynamics.simulators.serving import Served
 from pipeline import convert, evaluate, import_data, report, train_addressing, train_baselines, train_ensemble
 from pipeline.stage import Call
 
@@ -42,10 +44,12 @@ class NoRun:
 
     log_dataset = log_output = log_artifact = log_arrays = conclude = log
 
-    def log_model(self, model: torch.nn.Module, example: np.ndarray, _: str) -> None:
+    def register(self, name: str, pack: Callable[[Path], Served], **_: object) -> None:
         """Check that the example is one: two frames of two states, an action and the wind."""
-        assert example.shape == (4, 8)
-        assert model(torch.from_numpy(example)).shape == (4, 2)
+        served = pack(Path("packed") / name)
+        example = served.example()
+        assert len(example) == 8
+        assert list(served.predict(example))[:2] == ["next_observation.position", "next_observation.speed"]
 
 
 def section() -> dict[str, Any]:

@@ -6,7 +6,7 @@ from addressed_dynamics.base.errors import ModelError
 from addressed_dynamics.networks.addressing import Use, addressed_members, addressing_scores, multiply_adds_a_step
 from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.simulators.addressed import AddressedDynamics
-from addressed_dynamics.simulators.portable import PortableDynamics
+from addressed_dynamics.simulators.portable import StepModule
 
 X = torch.randn(7, 5, generator=torch.Generator().manual_seed(1))
 HEADS = StackedMLP(3, (5, 16, 8, 1), "tanh", torch.Generator().manual_seed(0), shared=1)
@@ -45,9 +45,9 @@ def test_a_model_may_be_addressed_by_heads_on_a_trunk() -> None:
     chosen = addressing_scores(heads, model.features.encode(observation, action)).argmax(dim=1)
     assert set(chosen.tolist()) == {0, 1, 2}
     assert torch.equal(model.address(observation, action), chosen)
-    inputs = torch.cat([observation, action.unsqueeze(1).to(torch.float32)], dim=1)
-    served = PortableDynamics(model)(inputs)
-    torch.testing.assert_close(served, model.predict(observation, action), rtol=1e-5, atol=1e-6)
+    torch.testing.assert_close(
+        StepModule(model)(observation, action), model.predict(observation, action), rtol=1e-5, atol=1e-6
+    )
 
 
 @pytest.mark.parametrize("addressing", [StackedMLP(2, (5, 4, 1), "relu"), StackedMLP(3, (5, 4, 2), "relu")])

@@ -1,19 +1,16 @@
-from pathlib import Path
-
 import numpy as np
 import pytest
 import torch
-from builders import CAR, car_transitions
+from builders import car_transitions
 from learning import CHANGE
 
-from addressed_dynamics import tracking
 from addressed_dynamics.base.errors import ModelError
 from addressed_dynamics.episodes.transitions import ContinuousAction, Dimension, SpaceSpec
 from addressed_dynamics.features.transitions.spec import FeatureSpec, fit_features
 from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.simulators.addressed import AddressedDynamics
 from addressed_dynamics.simulators.modes import Mode
-from addressed_dynamics.simulators.portable import PortableDynamics
+from addressed_dynamics.simulators.portable import StepModule
 
 PENDULUM = SpaceSpec(
     observation=tuple(Dimension(f"angle_{i}", "rad", -1.0, 1.0) for i in range(3)),
@@ -39,9 +36,8 @@ def pendulum_features() -> FeatureSpec:
 def test_it_predicts_what_the_model_does_from_discrete_actions(members: int) -> None:
     transitions = car_transitions([40, 30])
     model = random_model(fit_features(transitions, CHANGE), members)
-    inputs = np.hstack([transitions.observation, transitions.action[:, None]]).astype(np.float32)
     with torch.no_grad():
-        found = PortableDynamics(model)(torch.from_numpy(inputs)).numpy()
+        found = StepModule(model)(torch.from_numpy(transitions.observation), torch.from_numpy(transitions.action))
     np.testing.assert_allclose(found, model.predict(transitions.observation, transitions.action), rtol=1e-5, atol=1e-6)
 
 
@@ -49,7 +45,7 @@ def test_it_predicts_what_the_model_does_from_continuous_actions() -> None:
     model = random_model(pendulum_features(), 4)
     inputs = np.random.default_rng(0).normal(size=(50, 5)).astype(np.float32)
     with torch.no_grad():
-        found = PortableDynamics(model)(torch.from_numpy(inputs)).numpy()
+        found = StepModule(model)(*torch.from_numpy(inputs).split([3, 2], dim=1))
     np.testing.assert_allclose(found, model.predict(inputs[:, :3], inputs[:, 3:]), rtol=1e-5, atol=1e-6)
 
 
@@ -59,7 +55,7 @@ def test_it_addresses_in_the_model_s_own_mode(mode: Mode) -> None:
     model.mode = mode
     inputs = np.random.default_rng(0).normal(size=(50, 5)).astype(np.float32)
     with torch.no_grad():
-        found = PortableDynamics(model)(torch.from_numpy(inputs)).numpy()
+        found = StepModule(model)(*torch.from_numpy(inputs).split([3, 2], dim=1))
     np.testing.assert_allclose(found, model.predict(inputs[:, :3], inputs[:, 3:], mode), rtol=1e-5, atol=1e-5)
 
 
@@ -67,25 +63,4 @@ def test_a_model_that_draws_its_members_is_refused() -> None:
     model = random_model(pendulum_features(), 3)
     model.mode = "sample"
     with pytest.raises(ModelError, match="load it in another mode"):
-        PortableDynamics(model)
-
-
-@pytest.mark.slow
-def test_a_model_kept_by_mlflow_predicts_after_loading_what_it_did_before(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    import mlflow
-
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("DVC_ROOT", raising=False)
-    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
-    transitions = car_transitions([40, 30])
-    assert transitions.spec == CAR
-    model = random_model(fit_features(transitions, CHANGE), 2)
-    inputs = np.hstack([transitions.observation, transitions.action[:, None]]).astype(np.float32)
-    with tracking.run(stage="report", experiment="car", name="n", params={}) as run:
-        run.log_model(PortableDynamics(model), inputs[:4], "car")
-    (folder,) = tmp_path.glob(".mlflow/artifacts/car/models/*/artifacts")
-    loaded = mlflow.pyfunc.load_model(str(folder))
-    expected = model.predict(transitions.observation, transitions.action)
-    np.testing.assert_allclose(loaded.predict(inputs), expected, rtol=1e-5, atol=1e-6)
+        StepModule(model)

@@ -17,7 +17,7 @@ from addressed_dynamics.networks.files import SavedNetwork, save_network
 from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.simulators.addressed import AddressedDynamics
 from addressed_dynamics.simulators.modes import MODES, Mode
-from addressed_dynamics.simulators.portable import PortableDynamics
+from addressed_dynamics.simulators.portable import StepModule
 from addressed_dynamics.sources.transitions.params import FeatureParams
 
 HISTORY, STEPS, BATCH = 4, 5, 3
@@ -220,24 +220,9 @@ def test_frames_and_actions_that_do_not_fit_a_rollout_are_refused(
 @cases
 def test_the_portable_form_predicts_what_the_model_does(world: Transitions, model: AddressedDynamics) -> None:
     frames, actions = stretches(world, HISTORY)
-    columns = actions[..., None] if actions.ndim == 2 else actions
-    inputs = torch.from_numpy(np.concatenate([frames, columns], axis=2).reshape(BATCH, -1).astype(np.float32))
-    portable = PortableDynamics(model)
     with torch.no_grad():
-        np.testing.assert_allclose(portable(inputs), model.predict(frames, actions), rtol=1e-5, atol=ROUNDING)
-
-
-@pytest.mark.slow
-@cases
-def test_the_portable_form_can_be_exported_for_batches_of_any_size(
-    world: Transitions, model: AddressedDynamics
-) -> None:
-    frames, actions = stretches(world, HISTORY)
-    columns = actions[..., None] if actions.ndim == 2 else actions
-    inputs = torch.from_numpy(np.concatenate([frames, columns], axis=2).reshape(BATCH, -1).astype(np.float32))
-    shapes = ({0: torch.export.Dim("sample")},)
-    exported = torch.export.export(PortableDynamics(model), (inputs[:2],), dynamic_shapes=shapes).module()
-    np.testing.assert_allclose(exported(inputs), model.predict(frames, actions), rtol=1e-5, atol=ROUNDING)
+        found = StepModule(model)(torch.from_numpy(frames), torch.from_numpy(actions))
+    np.testing.assert_allclose(found, model.predict(frames, actions), rtol=1e-5, atol=ROUNDING)
 
 
 def test_the_portable_form_of_one_network_needs_no_addressing() -> None:
@@ -245,8 +230,7 @@ def test_the_portable_form_of_one_network_needs_no_addressing() -> None:
     alone = StackedMLP(1, (features.inputs, 8, features.outputs), "relu", torch.Generator().manual_seed(1))
     model = AddressedDynamics(features, alone.requires_grad_(False))
     frames, actions = stretches(ACROBOT, HISTORY)
-    inputs = np.concatenate([frames, actions[..., None]], axis=2).reshape(BATCH, -1).astype(np.float32)
-    found = PortableDynamics(model)(torch.from_numpy(inputs))
+    found = StepModule(model)(torch.from_numpy(frames), torch.from_numpy(actions))
     np.testing.assert_allclose(found, model.predict(frames, actions), rtol=1e-5, atol=ROUNDING)
 
 

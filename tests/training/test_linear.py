@@ -10,7 +10,7 @@ from addressed_dynamics.features.transitions.spec import FeatureSpec, fit_featur
 from addressed_dynamics.networks.ridge import Ridge, fit_ridge, linear_maps
 from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.simulators.addressed import AddressedDynamics
-from addressed_dynamics.simulators.portable import PortableDynamics
+from addressed_dynamics.simulators.portable import StepModule
 from addressed_dynamics.sources.transitions.params import FeatureParams
 from addressed_dynamics.training.baselines import total_parameters
 from addressed_dynamics.training.checkpoints import Checkpoint
@@ -49,8 +49,7 @@ def test_the_portable_model_has_the_linear_part() -> None:
     addressing = StackedMLP(1, (FEATURES.inputs, 8, 2), "relu", torch.Generator().manual_seed(0))
     model = AddressedDynamics(FEATURES, last.network.requires_grad_(False), addressing.requires_grad_(False))
     states, action = torch.tensor([[-0.5, 0.01], [0.3, -0.02], [-1.1, 0.0]]), torch.tensor([0, 2, 1])
-    given = torch.cat([states, action.unsqueeze(1)], dim=1)
-    torch.testing.assert_close(PortableDynamics(model)(given), model.predict(states, action))
+    torch.testing.assert_close(StepModule(model)(states, action), model.predict(states, action))
     without = StackedMLP(2, last.network.widths, last.network.activation)
     without.load_state_dict({name: each for name, each in last.network.state_dict().items() if "linear" not in name})
     assert not torch.allclose(

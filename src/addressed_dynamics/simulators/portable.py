@@ -7,7 +7,6 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from addressed_dynamics.base.errors import ModelError
-from addressed_dynamics.episodes.transitions import DiscreteAction
 from addressed_dynamics.networks.addressing import addressing_scores
 from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.simulators.addressed import AddressedDynamics
@@ -57,39 +56,6 @@ class StepModule(nn.Module):
         x = self.features.encode(observation, action, exogenous)
         last = observation if self.features.history == 1 else observation[:, -1]
         return self.features.decode(combined_output(self.ensemble, self.addressing, self.mode, x), last)
-
-
-@final
-class PortableDynamics(nn.Module):
-    """The same as `StepModule`, of one table of numbers, for what serves models: a column for each."""
-
-    def __init__(self, model: AddressedDynamics) -> None:
-        """Take a model apart.
-
-        Raises:
-            ModelError: its mode is `sample`, and what is drawn is no function.
-        """
-        super().__init__()
-        self.step = StepModule(model)
-        spaces = model.features.spaces
-        self.discrete = isinstance(spaces.action, DiscreteAction)
-        actions = 1 if isinstance(spaces.action, DiscreteAction) else len(spaces.action.dimensions)
-        self.columns = [len(spaces.observation), actions, len(spaces.exogenous)]
-
-    def forward(self, inputs: Float[Tensor, "sample input"]) -> Float[Tensor, "sample observation"]:
-        """Return the next states, (B, d_obs).
-
-        Args:
-            inputs: states in the environment's units beside actions: one column with the action's number if actions
-                are discrete, (B, d_obs + 1), else one for each of its components, (B, d_obs + d_act); and beside them
-                the exogenous inputs, if there are any. With a history, so many columns for each frame, oldest first.
-        """
-        frames = inputs.reshape(-1, self.step.features.history, sum(self.columns))
-        frames = frames if self.step.features.history > 1 else frames[:, 0]
-        observation, action, exogenous = torch.split(frames, self.columns, dim=-1)
-        chosen = action[..., 0].round().long() if self.discrete else action
-        following: Tensor = self.step(observation, chosen, exogenous if self.columns[2] else None)
-        return following
 
 
 def check_function(mode: str, addressing: StackedMLP | None) -> None:

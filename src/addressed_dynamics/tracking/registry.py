@@ -24,7 +24,7 @@ import numpy as np
 from addressed_dynamics.base.criteria import Criterion, is_better
 from addressed_dynamics.base.files import write_json, write_text
 from addressed_dynamics.base.versions import tree_digest
-from addressed_dynamics.tracking.parents import DATA_TAG, flatten
+from addressed_dynamics.tracking.parents import DATA_TAG
 from addressed_dynamics.tracking.store import current_store
 from addressed_dynamics.tracking.views import model_description, model_path, run_path
 
@@ -305,4 +305,4 @@ def _log_metrics(client: Any, run_id: str, model_id: str, offer: Offer) -> None:
 
 
 def _digest(value: Mapping[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(dict(flatten(value)), sort_keys=True).encode()).hexdigest()[:_DIGITS]
+    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()[:_DIGITS]

@@ -21,7 +21,6 @@ from typing import TYPE_CHECKING, Any, Literal, final
 from urllib.parse import urlsplit
 
 import numpy as np
-from jaxtyping import Float32
 
 from addressed_dynamics.base.criteria import Criterion
 from addressed_dynamics.base.errors import TrackingError
@@ -32,7 +31,6 @@ from addressed_dynamics.tracking.registry import Offer, Registered, register
 from addressed_dynamics.tracking.store import (
     Store,
     connect,
-    current_store,
     find_store,
     locked,
     no_foreign_warnings,
@@ -42,8 +40,6 @@ from addressed_dynamics.tracking.store import (
 from addressed_dynamics.tracking.views import run_path, verdict_tags
 
 if TYPE_CHECKING:
-    import torch
-
     from addressed_dynamics.simulators.serving import Served
 
 OUTPUT_TAG = "output"
@@ -134,18 +130,6 @@ class Run:
         """Say which data the run used, and for what; their digest is what DVC has for `path`, see `data_digest`."""
         self._attempt(f"the dataset {name}", lambda run_id: self._log_dataset(run_id, name, path, context))
 
-    def log_model(self, module: torch.nn.Module, input_example: Float32[np.ndarray, "sample input"], name: str) -> None:
-        """Keep `module` with the run as an MLflow model that loads without this package and without pickle.
-
-        Args:
-            module: maps one batch of inputs to one batch of outputs, and can be traced by `torch.export`.
-            input_example: at least two samples; with one, the traced batch size would be fixed at one.
-            name: name of the model among the run's models.
-        """
-        # A model that cannot be traced says nothing about the store: what comes after it is still worth a try.
-        log = partial(self._log_model, module=module, input_example=input_example, name=name)
-        self._attempt(f"the model {name}", log, give_up=False)
-
     def log_output(self, folder: Path) -> None:
         """Take the digests of what the run wrote into `folder`: its tag if it ends well, by which `find_runs` finds it.
 
@@ -232,33 +216,6 @@ class Run:
         self._client.log_inputs(run_id, datasets=[DatasetInput(dataset, tags)])
         if digest is not None:
             self._client.set_tag(run_id, DATA_TAG, digest)
-
-    def _log_model(
-        self, run_id: str, module: torch.nn.Module, input_example: Float32[np.ndarray, "sample input"], name: str
-    ) -> None:
-        import mlflow.pytorch
-        import torch
-        from mlflow.models import Model, infer_signature
-
-        with torch.no_grad():
-            output = module(torch.from_numpy(input_example)).numpy()
-        # Created here and logged with Model.log, because mlflow.pytorch.log_model knows no run and no experiment but
-        # the active ones, and ends the run.
-        experiment_id = self._client.get_run(run_id).info.experiment_id
-        model = self._client.create_logged_model(experiment_id, name=name, source_run_id=run_id)
-        with current_store(self._client.tracking_uri):
-            Model.log(
-                artifact_path=None,
-                flavor=mlflow.pytorch,
-                model_id=model.model_id,
-                run_id=run_id,
-                pytorch_model=module,
-                signature=infer_signature(input_example, output),
-                input_example=input_example,
-                serialization_format="pt2",
-                # Given, because finding them out takes MLflow 5 to 11 s.
-                pip_requirements=[f"torch=={torch.__version__.partition('+')[0]}", f"numpy=={np.__version__}"],
-            )
 
     def _attempt(self, what: str, action: Callable[[str], object], *, give_up: bool = True) -> None:
         if not self._works or self._reference is None:

@@ -5,9 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import torch
-
 from addressed_dynamics.reporting.common.blocks import Card
 
 
@@ -43,7 +40,5 @@ class Written:
     """The figures that a table of runs should show."""
     verdict: str
     """The report in a sentence or two."""
-    model: tuple[torch.nn.Module, np.ndarray] | None = None
-    """The delivered model with an example of its input, if it can be kept without this package."""
     card: Card | None = None
     """What stands beside the delivered model; None for no more than the verdict."""

@@ -2,9 +2,6 @@
 
 from pathlib import Path
 
-import numpy as np
-from jaxtyping import Float32
-
 from addressed_dynamics.features.transitions.spec import FeatureSpec
 from addressed_dynamics.reporting.common.document import write_account, write_unfinished
 from addressed_dynamics.reporting.common.origin import load_trained, origin_of
@@ -12,9 +9,7 @@ from addressed_dynamics.reporting.common.written import Subject, Written
 from addressed_dynamics.reporting.transitions.card import transitions_card
 from addressed_dynamics.reporting.transitions.document import account, headline
 from addressed_dynamics.reporting.transitions.paper import PAPER
-from addressed_dynamics.reporting.transitions.results import Arrays, load_results
-from addressed_dynamics.simulators.addressed import AddressedDynamics
-from addressed_dynamics.simulators.portable import PortableDynamics
+from addressed_dynamics.reporting.transitions.results import load_results
 
 LIBRARIES = ("addressed-dynamics", "gymnasium", "numpy", "stable-baselines3", "torch")
 
@@ -31,15 +26,4 @@ def write(subject: Subject, target: Path) -> Written:
     paper = PAPER[subject.params.paper] if subject.params.paper else None
     told = account(results, origin, paper)
     report = write_account(told, results, origin, subject, target)
-    model = PortableDynamics(AddressedDynamics.load(subject.models))
-    example = _input_example(results.arrays, features.history)
-    card = transitions_card(subject, results, origin, told)
-    return Written(headline(results, paper), report.verdict, (model, example), card)
-
-
-def _input_example(arrays: Arrays, history: int) -> Float32[np.ndarray, "4 input"]:
-    """Return inputs of `PortableDynamics` that show their form: test points, each in place of its whole history."""
-    action = arrays.action.reshape(len(arrays.observation), -1)
-    exogenous = [] if arrays.exogenous is None else [arrays.exogenous]
-    frames = np.hstack([arrays.observation, action, *exogenous])[:4].astype(np.float32)
-    return np.tile(frames, (1, history))
+    return Written(headline(results, paper), report.verdict, transitions_card(subject, results, origin, told))
