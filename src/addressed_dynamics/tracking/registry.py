@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import platform
+import re
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
@@ -195,7 +196,9 @@ def _description(run: Any, model_id: str, offer: Offer, why: str) -> str:
         f"[model and metrics]({model_path(run.info.experiment_id, model_id)})"
     )
     which = ", ".join(f"{name} {value}" for name, value in offer.served.facts.items())
-    units = [f"{each.name} [{each.unit}]" for each in offer.served.inputs if each.unit]
+    # Those of frames before have the same.
+    now = [each for each in offer.served.inputs if each.unit and not re.search(r"\.-\d+$", each.name)]
+    units = [f"{each.name} [{each.unit}]" for each in now]
     shown = f" ({', '.join(units)})" if 0 < len(units) <= _SHOWN_UNITS else ""
     return "\n\n".join(
         [
