@@ -150,6 +150,25 @@ def test_what_dvc_keeps_of_an_evaluation_can_be_compared(finished: Path, monkeyp
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of what MLflow uses of SQLAlchemy
+def test_what_each_experiment_delivers_is_the_champion_of_its_registered_model(finished: Path) -> None:
+    from mlflow import MlflowClient
+
+    client = MlflowClient(f"sqlite:///{finished / '.mlflow' / 'mlflow.db'}")
+    for experiment in KINDS:
+        champion = client.get_model_version_by_alias(experiment, "champion")
+        assert str(champion.version) == "1"
+        model = client.get_logged_model(champion.source.removeprefix("models:/"))
+        delivered = json.loads((finished / "data" / "models" / experiment / "delivered.json").read_text())
+        kept = {name: model.params[name] for name in ("candidate", "seed", "mode")}
+        assert kept == {name: str(delivered[name]) for name in kept}
+        measured = {each.key.partition("/")[0] for each in model.metrics}
+        assert "test" in measured
+        lock = (finished / "dvc.lock").read_text(encoding="utf-8")
+        assert all(f"md5: {each.dataset_digest}.dir" in lock for each in model.metrics)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of what MLflow uses of SQLAlchemy
 def test_the_runs_of_an_experiment_are_nested_below_one_that_has_the_verdict(finished: Path) -> None:
     from mlflow import MlflowClient
 
