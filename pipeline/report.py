@@ -1,6 +1,7 @@
 """Write the report and the card of the delivered model, and keep the report in MLflow."""
 
 import platform
+from collections.abc import Mapping
 from datetime import UTC, datetime
 
 from addressed_dynamics import tracking
@@ -9,9 +10,11 @@ from addressed_dynamics.base.kinds import supplied
 from addressed_dynamics.base.params.experiments import load_experiment
 from addressed_dynamics.base.versions import code_version, output_digests
 from addressed_dynamics.reporting.common import card
+from addressed_dynamics.reporting.common.numbers import listed
 from addressed_dynamics.reporting.common.render import FIGURES, render_card
 from addressed_dynamics.reporting.common.written import Subject
 from addressed_dynamics.simulators.delivery import ROOMS
+from addressed_dynamics.training.estimates import in_words
 from pipeline.stage import (
     Call,
     available_cores,
@@ -23,6 +26,9 @@ from pipeline.stage import (
     tables_dir,
 )
 
+TRAININGS = {"train_ensemble": "(ensemble)", "train_addressing": "(addressing)", "train_baselines": "(baselines)"}
+"""What the trainings are called, by the stage."""
+
 
 def main(call: Call) -> str:
     """Report on an experiment; return its verdict."""
@@ -31,7 +37,7 @@ def main(call: Call) -> str:
     trained = {name: each for name, each in output_digests(models).items() if name.partition("/")[0] in ROOMS}
     subject = Subject(
         experiment, params, call.params_file.as_posix(), models, figures_dir(experiment), evaluation_dir(experiment),
-        code_version(), trained, _when_and_where(),
+        code_version(), trained, _when_and_where(), _trained_in(tracking.stage_seconds(experiment, trained.values())),
     )  # fmt: skip
     written = supplied("reporting", call.kind).write(subject, target)
     write_text(target / "verdict.txt", f"{written.verdict}\n")
@@ -50,6 +56,12 @@ def _when_and_where() -> str:
     day = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
     machine = f"{platform.system()} {platform.machine()}, {available_cores()} cores"
     return f"{day}, {machine}, Python {platform.python_version()}"
+
+
+def _trained_in(seconds: Mapping[str, float]) -> str:
+    """Say how long the trainings took; nothing if nobody kept it."""
+    parts = [f"{in_words(seconds[stage])} {words}" for stage, words in TRAININGS.items() if stage in seconds]
+    return f"{listed(parts)}, by MLflow" if parts else ""
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import subprocess
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,8 @@ Figures = dict[str, Any]
 """What a file holds: JSON-compatible."""
 SCALES = {"params.yaml": "quick", "params/paper.yaml": "paper", "params/clips.yaml": "clips"}
 """Folder of the figures of a run, by its params file."""
+CLIPS = "clips"
+"""That of the few real clips, whose figures are in one file, lowest to highest over the seeds."""
 KINDS = {
     "mountaincar": "transitions",
     "acrobot": "transitions",
@@ -71,6 +73,8 @@ def collect(run: Path, target: Path) -> list[Path]:
         message = f"{run / 'data' / 'evaluation'}: nothing has been evaluated there; run 'make run' first"
         raise ReportError(message)
     read: Mapping[str, Callable[[Path, str], Figures]] = {"transitions": _transitions, "motion": _motion}
+    if SCALES[params_file] == CLIPS:
+        return [keep(target / f"{CLIPS}.json", _clips(run), measured_at(run, "pfnn"))]
     return [
         keep(target / SCALES[params_file] / f"{name}.json", read[KINDS[name]](run, name), measured_at(run, name))
         for name in found
@@ -297,6 +301,39 @@ def _motion(run: Path, name: str) -> Figures:
         "phase": {"share": phase.information_share, "chance": phase.chance_share},
         "candidates": {name: _mover(each) for name, each in found.candidates.items()},
     }
+
+
+def _clips(run: Path) -> Figures:
+    """Return what the documents show of a run on a few real clips: the spread of each model over its seeds."""
+    folder = run / "data" / "evaluation" / "pfnn"
+    found = read_json(folder / "evaluation.json", MotionEvaluation)
+    trained = read_json(run / "data" / "figures" / "pfnn" / "baselines" / "baselines.json", dict[str, dict[str, float]])
+    phase = found.addressing.test.all
+    return {
+        "frames": found.splits["train"],
+        "updates": max(round(each["updates"]) for each in trained.values()),
+        "commanded_speed": found.own.closed_loop.run.moving.commanded_speed,
+        "phase": {"share": phase.information_share, "chance": phase.chance_share},
+        "candidates": {group: _over_seeds(candidates) for group, candidates in found.groups.items()},
+    }
+
+
+def _over_seeds(candidates: Sequence[Candidate]) -> Figures:
+    alive = sum(each.closed_loop.run.alive for each in candidates)
+    speeds = [speed for each in candidates if (speed := each.closed_loop.run.moving.speed) is not None]
+    return {
+        "label": candidates[0].label,
+        "seeds": len(candidates),
+        "raw": _ends([each.test.raw for each in candidates]),
+        "normalised": _ends([each.test.normalised for each in candidates]),
+        "score": _ends([each.closed_loop.score for each in candidates]),
+        "alive": {0: "none", len(candidates): "all"}.get(alive, f"{alive} of {len(candidates)}"),
+        "speed": _ends(speeds),
+    }
+
+
+def _ends(values: Sequence[float]) -> list[float]:
+    return [min(values), max(values)] if values else []
 
 
 def _mover(candidate: Candidate) -> Figures:

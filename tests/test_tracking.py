@@ -3,9 +3,11 @@ import logging
 import shutil
 import signal
 import socket
+import sqlite3
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -222,6 +224,22 @@ def test_a_run_of_several_outputs_is_found_by_each(tmp_path: Path) -> None:
     assert {digest: found.run_id for digest, found in tracking.find_runs("several", digests).items()} == {
         digest: run.id for digest in digests
     }
+
+
+def test_a_stage_took_from_the_begin_of_its_first_run_to_the_end_of_its_last(store: Path, tmp_path: Path) -> None:
+    digests = list[str]()
+    for stage, name in (("train_ensemble", "0"), ("train_ensemble", "1"), ("train_addressing", "0")):
+        digests.append(write_output(tmp_path / stage / name, stage + name))
+        with tracking.run(stage=stage, experiment="long", name=name, params={}) as run:
+            run.log_output(tmp_path / stage / name)
+    server, begin = client(store), 1_700_000_000_000
+    runs = server.search_runs([server.get_experiment_by_name("long").experiment_id], order_by=["start_time ASC"])
+    for run, (first, last) in zip(runs, ((0, 3_000), (1_000, 5_000), (6_000, 8_500)), strict=True):
+        server.set_terminated(run.info.run_id, end_time=begin + last)
+        with closing(sqlite3.connect(store / ".mlflow" / "mlflow.db")) as database, database:
+            database.execute("UPDATE runs SET start_time = ? WHERE run_uuid = ?", (begin + first, run.info.run_id))
+    assert tracking.stage_seconds("long", [*digests, "0" * 16]) == {"train_ensemble": 5.0, "train_addressing": 2.5}
+    assert tracking.stage_seconds("never", digests) == {}
 
 
 @pytest.mark.usefixtures("store")

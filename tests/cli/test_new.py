@@ -2,11 +2,12 @@
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
-from builders import car_transitions, write_log
+from builders import RUN, car_transitions, write_log
 from dvc_settings import apply_overrides
 from foreign_logs import json_log, states_and_commands
 from ruamel.yaml import YAML
@@ -15,8 +16,10 @@ from stage_dependencies import ROOT
 from addressed_dynamics.base.params.experiments import load_experiment
 from addressed_dynamics.cli import main as cli
 from addressed_dynamics.cli.new import section_text
+from addressed_dynamics.episodes.transitions import LEARNED
 from addressed_dynamics.importing.importer import read_samples, wanted_signals
 from addressed_dynamics.importing.looking_at_tables import MOST_FILES
+from addressed_dynamics.sources.transitions.conversion import convert_recording
 
 
 @pytest.fixture
@@ -122,6 +125,30 @@ def test_logs_of_transitions_are_taken_as_they_are(
     status, _, err = run(capsys, monkeypatch, "new", "car", "own")
     assert (status, err.count("\n")) == (1, 1)
     assert "logs of transitions have to be in one folder, but these are in 2" in err
+
+
+def test_logs_of_predictions_are_taken_only_where_somebody_wants_them(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (folder / "own").mkdir()
+    write_log(folder / "own" / "a.mcap", car_transitions([20, 30]))
+    write_log(folder / "own" / "b.mcap", car_transitions([20], seed=1), run=replace(RUN, environment=LEARNED))
+    before = (folder / "params.yaml").read_bytes()
+    status, out, err = run(capsys, monkeypatch, "new", "car", "own", "--yes")
+    assert (status, out, err.count("\n")) == (1, "", 1)
+    assert "own/b.mcap: recorded in a learned model" in err
+    assert "say --predictions" in err
+    monkeypatch.setattr(sys.stdin, "isatty", lambda: True)
+    monkeypatch.setattr(cli.typer, "confirm", lambda *_, **__: False)
+    assert run(capsys, monkeypatch, "new", "car", "own")[0] == 1
+    assert (folder / "params.yaml").read_bytes() == before
+    monkeypatch.setattr(cli.typer, "confirm", lambda *_, **__: True)
+    assert run(capsys, monkeypatch, "new", "car", "own")[0] == 0
+    assert run(capsys, monkeypatch, "new", "car2", "own", "--yes", "--predictions")[0] == 0
+    for name in ("car", "car2"):
+        params = load_experiment(folder / "params.yaml", name, "transitions").convert
+        assert params.predictions
+        convert_recording(folder / "own", folder / name, folder / "reports", params, cores=1, progress=lambda _: None)
 
 
 def test_what_cannot_be_guessed_is_asked_for(

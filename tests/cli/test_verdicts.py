@@ -36,3 +36,11 @@ def test_a_params_file_without_experiments_is_an_error(tmp_path: Path, text: str
         file.write_text(text)
     with pytest.raises(ParamsError, match="params"):
         list(verdict_lines(file))
+
+
+def test_one_experiment_alone_has_its_line_and_one_that_is_not_there_is_named(tmp_path: Path) -> None:
+    file = tmp_path / "params.yaml"
+    file.write_text("experiments: {car: {kind: transitions}, walk: {kind: motion}}\n")
+    assert list(verdict_lines(file, ["walk"])) == ["walk: no report yet; 'dvc repro report@walk' makes it"]
+    with pytest.raises(ParamsError, match="there is no experiment 'cart' in it; there are car, walk"):
+        list(verdict_lines(file, ["walk", "cart"]))

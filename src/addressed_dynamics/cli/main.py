@@ -17,7 +17,8 @@ from addressed_dynamics.cli.inspection import Inspection, inspect_file, is_of_lo
 from addressed_dynamics.cli.new import (
     MAPPINGS,
     ask,
-    recorded_lengths,
+    predictions_words,
+    recorded_logs,
     section_text,
     source_lines,
     try_import,
@@ -156,17 +157,22 @@ def new(
     rate: Rate = None,
     episode: Ends = None,
     types: Types = None,
+    predictions: Annotated[
+        bool,
+        typer.Option("--predictions", help="Learn also from logs of what a model predicted, as a drive leaves them."),
+    ] = False,
     yes: Annotated[bool, typer.Option("--yes", help="Ask nothing; take what is guessed.")] = False,
     file: Annotated[Path, typer.Option("--params", help="The params file.")] = Path("params.yaml"),
 ) -> None:
     """Make an experiment of somebody's logs: look at them, write its section into the params file, say what is next."""
     console = _console()
     found = find_logs(paths)
-    lengths = recorded_lengths(found)
-    if lengths is not None:
+    recorded = recorded_logs(found)
+    if recorded is not None:
         # Logs of transitions are what an import would make.
+        _allow_predictions(recorded.predicted, predictions=predictions, may_ask=not yes)
         entries = {"experiments": f"{{kind: transitions, raw: {yaml_text(found.folder)}}}"}
-        _add(file, name, entries, section_text(name, (), lengths))
+        _add(file, name, entries, section_text(name, (), recorded.lengths, predictions=bool(recorded.predicted)))
         return
     wishes = _wishes(observation, action, exogenous, reward, rate, episode, types)
     trial = try_import(paths, wishes)
@@ -299,10 +305,11 @@ def compare(
 
 @app.command()
 def verdicts(
+    names: Annotated[list[str] | None, typer.Argument(metavar="[NAME]...", help="Experiments; all by default.")] = None,
     file: Annotated[Path, typer.Option("--params", help="The params file.")] = Path("params.yaml"),
 ) -> None:
     """Print what was found of each experiment and where its report is, one line each."""
-    for line in verdict_lines(file):
+    for line in verdict_lines(file, names or ()):
         print(line)
 
 
@@ -342,6 +349,21 @@ def drive(
 
 def _version() -> str:
     return version("addressed-dynamics")
+
+
+def _allow_predictions(predicted: list[Path], *, predictions: bool, may_ask: bool) -> None:
+    """Go on if no log holds predictions, or if they are wanted, as was said or as whoever is asked says.
+
+    Raises:
+        ParamsError: they are not.
+    """
+    if not predicted or predictions:
+        return
+    words = predictions_words(predicted)
+    if may_ask and sys.stdin.isatty() and typer.confirm(f"{words}; learn from them all the same?", default=False):
+        return
+    message = f"{words}; leave such logs out, or say --predictions"
+    raise ParamsError(message)
 
 
 def _add(file: Path, name: str, entries: dict[str, str], section: str) -> None:

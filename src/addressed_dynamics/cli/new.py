@@ -17,6 +17,7 @@ from ruamel.yaml import YAML
 from addressed_dynamics.base.errors import LogError, ParamsError
 from addressed_dynamics.base.params.source import SourceParams
 from addressed_dynamics.cli.inspection import inspect_file
+from addressed_dynamics.episodes.transitions import LEARNED
 from addressed_dynamics.importing.assessing import Assessment, assess
 from addressed_dynamics.importing.finding import Found, find_logs
 from addressed_dynamics.importing.looking import Look
@@ -68,6 +69,16 @@ class Trial:
             "unknown": list(self.proposal.unknown),
             "assessment": None if self.assessment is None else self.assessment.to_json(),
         }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """What is known of logs of transitions, which need no import."""
+
+    lengths: list[int]
+    """Steps of every episode."""
+    predicted: list[Path]
+    """The logs that hold what a learned model predicted, and nothing that happened."""
 
 
 def try_import(paths: list[Path], wishes: Wishes) -> Trial:
@@ -132,8 +143,8 @@ def what_to_say(trial: Trial) -> str:
     return f"the files do not say it; give {missing}, with fields from this list"
 
 
-def recorded_lengths(found: Found) -> list[int] | None:
-    """Return the steps of every episode if all files are logs of transitions, which need no import; else None.
+def recorded_logs(found: Found) -> Recorded | None:
+    """Return what is known of the files if all of them are logs of transitions, which need no import; else None.
 
     Raises:
         LogError: one of them is damaged.
@@ -147,7 +158,20 @@ def recorded_lengths(found: Found) -> list[int] | None:
             raise LogError(message)
     if not all(each.run is not None for each in inspections):
         return None
-    return [length for each in inspections if each.experience for length in each.experience.lengths]
+    with_episodes = [each for each in inspections if each.experience and len(each.experience.lengths)]
+    return Recorded(
+        [length for each in with_episodes if each.experience for length in each.experience.lengths],
+        [each.path for each in with_episodes if each.run and each.run.environment == LEARNED],
+    )
+
+
+def predictions_words(predicted: Sequence[Path]) -> str:
+    """Say that these logs hold predictions."""
+    more = f" and {len(predicted) - 1} more logs" if len(predicted) > 1 else ""
+    return (
+        f"{predicted[0]}{more}: recorded in a learned model ({LEARNED}), that is what a model predicted and nothing "
+        "that happened"
+    )
 
 
 def source_lines(proposal: Proposal) -> Iterator[str]:
@@ -164,28 +188,33 @@ def usable_lengths(assessment: Assessment) -> list[int]:
     return [each.samples - 1 for each in assessment.episodes if each.verdict != "leave"]
 
 
-def section_text(name: str, origin: Iterable[str], lengths: Sequence[int]) -> str:
+def section_text(name: str, origin: Iterable[str], lengths: Sequence[int], *, predictions: bool = False) -> str:
     """Return the section of a new experiment, as YAML.
 
     Args:
         name: the experiment.
         origin: lines that say where its transitions come from; none if its raw data are logs of transitions.
         lengths: steps of each of its episodes.
+        predictions: whether some of its logs hold what a model predicted.
     """
     # As DVC's own writer has it, which then changes no more than what 'dvc exp run -S' asks for.
     yaml, stream = YAML(), io.StringIO()
     yaml.default_flow_style = False
-    yaml.dump(yaml.load("\n".join(_section_lines(name, origin, lengths)) + "\n"), stream)
+    yaml.dump(yaml.load("\n".join(_section_lines(name, origin, lengths, predictions=predictions)) + "\n"), stream)
     return textwrap.indent(stream.getvalue(), "  ")
 
 
-def _section_lines(name: str, origin: Iterable[str], lengths: Sequence[int]) -> Iterator[str]:
+def _section_lines(name: str, origin: Iterable[str], lengths: Sequence[int], *, predictions: bool) -> Iterator[str]:
     yield f"title: {_scalar(name.replace('_', ' ').replace('-', ' ').capitalize())}"
     yield from ("paper:", "recipe: default", "paper_recipe: {}")
     yield from origin
     few = len(lengths) < FEW and max(lengths, default=0) > LONG
-    blocks = "split: blocks" if sum(lengths) >= SHORT else "split: blocks, validation_share: 0.2"
-    yield f"convert: {{{blocks}}} # in time, for there are few episodes" if few else "convert: {}"
+    convert = ["split: blocks"] if few else []
+    if few and sum(lengths) < SHORT:
+        convert.append("validation_share: 0.2")
+    if predictions:
+        convert.append("predictions: true")
+    yield f"convert: {{{', '.join(convert)}}}{' # in time, for there are few episodes' if few else ''}"
     yield "features: {history: auto} # frames that a network is given: chosen on validation"
     if sum(lengths) < SMALL:
         yield "ensemble: # for few and noisy data: docs/decisions/0017-small-data.md"

@@ -104,6 +104,15 @@ class Comparison:
         }
 
 
+def _why_no_interval(evaluation: Mapping[str, Any]) -> str:
+    if "reference" in evaluation:
+        return (
+            "it is of motion, of which a few clips are held out whole, and one script in the closed loop: too few "
+            "alike parts to draw from, so no interval can be given"
+        )
+    return "its evaluation keeps no errors by episode, so no interval can be given"
+
+
 def compare(first: Version, second: Version) -> Comparison:
     """Compare two versions of an experiment.
 
@@ -118,7 +127,7 @@ def compare(first: Version, second: Version) -> Comparison:
         raise ComparisonError(message)
     notes = [f"{each.name}: {note}" for each in (first, second) for note in each.notes]
     notes += [
-        f"{each.name}: its evaluation keeps no errors by episode, so no interval can be given"
+        f"{each.name}: {_why_no_interval(each.evaluation)}"
         for each in (first, second)
         if each.evaluation and each.errors is None
     ]

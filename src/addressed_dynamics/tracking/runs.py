@@ -309,6 +309,39 @@ def find_runs(experiment: str, digests: Iterable[str]) -> dict[str, RunReference
         return {}
 
 
+def stage_seconds(experiment: str, digests: Iterable[str]) -> dict[str, float]:
+    """Return how long each stage took for the outputs with these digests, in seconds.
+
+    That is from the begin of the first of its runs (when a training had its first epoch) to the end of the last, and
+    after an interruption from where it went on.
+
+    Args:
+        experiment: name of the experiment.
+        digests: as in `output_digests`; those that no run made do not count.
+
+    Returns:
+        The seconds by stage, in the order of the stages; nothing, and a warning, if the store cannot be read.
+    """
+    store = find_store()
+    if not store.is_there:
+        return {}
+    try:
+        with no_foreign_warnings():
+            found = _finished_runs(store, experiment, digests).values()
+    except Exception as error:  # see Run._attempt
+        _warn(f"could not look for the runs of {experiment}", error)
+        return {}
+    begins, ends = dict[tuple[str, str], int](), dict[tuple[str, str], int]()
+    for each in found:
+        part = each.data.tags.get("stage", ""), each.data.tags.get(PARENT_TAG, "")
+        begins[part] = min(begins.get(part, each.info.start_time), each.info.start_time)
+        ends[part] = max(ends.get(part, each.info.end_time), each.info.end_time)
+    seconds = dict[str, float]()
+    for part in sorted(begins, key=lambda each: begins[each]):
+        seconds[part[0]] = seconds.get(part[0], 0.0) + (ends[part] - begins[part]) / 1000
+    return seconds
+
+
 def run_link(reference: RunReference) -> str:
     """Return where a run's page is: an address on a server, else what follows the host and port of `serve_ui`."""
     path, store = run_path(reference.experiment_id, reference.run_id), find_store()

@@ -1,5 +1,6 @@
 """Charts are drawn from the numbers that they were made from, in any browser, and can be read without one."""
 
+import asyncio
 import json
 import math
 import re
@@ -9,11 +10,21 @@ from typing import Any
 import numpy as np
 import pytest
 from browser import answers
-from chromium import needs_browser
+from chromium import browser, needs_browser
 from hypothesis import given
 from hypothesis import strategies as st
 
-from addressed_dynamics.reporting.common.blocks import Chart, Line, Report, Section, View
+from addressed_dynamics.reporting.common.blocks import (
+    Chart,
+    Column,
+    Front,
+    Line,
+    Report,
+    Row,
+    Section,
+    Table,
+    View,
+)
 from addressed_dynamics.reporting.common.charts import (
     MOST_PLACES,
     chart_json,
@@ -167,3 +178,42 @@ def test_a_link_opens_what_it_leads_to_and_all_is_open_on_paper(tmp_path: Path) 
         return [before, printed, after, details.open];
     """
     assert answers(page(CHART), script, tmp_path) == [False, True, False, True]
+
+
+MANY = Table(
+    "A table with many columns.",
+    (Column("Model", numeric=False), *(Column(f"a rather long heading {number}", "a group") for number in range(16))),
+    (Row(("ensemble, argmax addressing", *["1.2 × 10⁻³"] * 16)),),
+)
+MOMENTS = Table(
+    "Errors.",
+    (Column("Error", numeric=False), *(Column(each, f"after {at} steps, {at} s") for at in (1, 10) for each in "abc")),
+    (Row(("all", *["0.00123 (12)"] * 6), "own"),),
+)
+
+
+@needs_browser
+def test_wide_tables_fit_a_printed_page_and_the_first_screen_a_telephone(tmp_path: Path) -> None:
+    front = Front(answers={}, load="", sentences=(), errors=MOMENTS, film=None, chart=None)
+    report = Report("Tables", "", "", front, (Section("All", (MANY,)),))
+    (tmp_path / "page.html").write_text(render_html(report), encoding="utf-8")
+    right = (
+        "Math.max(...[...document.querySelectorAll('{0} table, {0} td > span')]"
+        ".map(each => each.getBoundingClientRect().right))"
+    )
+
+    async def look() -> tuple[float, int, float]:
+        async with browser() as chromium, chromium.page() as page:
+            await page.open((tmp_path / "page.html").as_uri(), width=400)
+            await page.until("document.readyState == 'complete'")
+            narrow = await page.value(right.format("#front"))
+            seen = await page.value("document.querySelectorAll('#front td.first').length")
+            await page.open((tmp_path / "page.html").as_uri(), width=741)
+            await page.until("document.readyState == 'complete'")
+            await page.call("Emulation.setEmulatedMedia", media="print")
+            return narrow, seen, await page.value(right.format("#all"))
+
+    narrow, moments, printed = asyncio.run(look())
+    assert narrow <= 400
+    assert moments == 2
+    assert printed <= 741

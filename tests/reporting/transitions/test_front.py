@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from reading_pages import front_sentences, words_seen
-from report_examples import CAR, FILES, evaluation_json, origin, transitions_report, write_results
+from report_examples import CAR, FILES, evaluation_json, origin, summary, transitions_report, write_results
 
 from addressed_dynamics.evaluation.transitions.records import Evaluation
 from addressed_dynamics.reporting.common.blocks import Front, Report
@@ -66,6 +66,24 @@ def test_the_errors_stand_in_units_and_in_percent_beside_the_best_other_and_noth
     # The features of the example have a range of 1 in each dimension.
     assert position[:4] == ("position (m)", "0.010 (1.0)", "0.020 (2.0)", "0.30 (30)")
     assert velocity[1] == "0.00010 (0.010)"
+
+
+def test_one_step_is_judged_on_all_test_transitions_as_where_models_are_compared(tmp_path: Path) -> None:
+    found = document()
+    one_step = found["candidates"]["ensemble/argmax"]["one_step"]
+    one_step["percent"] = 12.0
+    one_step["dimensions"][0]["squared"] = summary(0.0144)
+    table = front(tmp_path, found).errors
+    assert table is not None
+    everything, position, _ = (row.cells for row in table.rows)
+    assert everything[1:5] == ("12\u202f%", "2.0\u202f%", "30\u202f%", "3.2\u202f%")
+    assert position[1] == "0.12 (12)"
+    assert f"of one step over all {found['test']['transitions']:,} test transitions, then over" in table.caption
+    assert "which begin where it is easier (their first steps: 1.0\u202f%)" in table.caption
+    one_step["percent"] = 2.0
+    table = front(tmp_path, found).errors
+    assert table is not None
+    assert "easier" not in table.caption
 
 
 def test_the_chart_has_the_errors_of_the_median_rollout_and_the_interval(tmp_path: Path) -> None:

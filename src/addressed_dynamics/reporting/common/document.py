@@ -121,7 +121,12 @@ def _target_blocks(account: Account) -> tuple[Block, ...]:
 
 
 def _run_blocks(account: Account, origin: Origin[Any], seed: int) -> tuple[Block, ...]:
-    about = {"Drawn": origin.drawn, "Params": origin.params_file, "Git commit": origin.commit}
+    about = {
+        "Drawn": origin.drawn,
+        "Trained in": origin.trained,
+        "Params": origin.params_file,
+        "Git commit": origin.commit,
+    }
     facts = Facts({name: value for name, value in about.items() if value})
     found = (
         Fold("Settings", (run_facts(origin, account.model, seed),)),

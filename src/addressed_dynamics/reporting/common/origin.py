@@ -61,6 +61,8 @@ class Origin(Generic[Described]):
     """Name of the experiment, in MLflow too; empty if it is not known."""
     drawn: str = ""
     """When the report was drawn, and on which machine; empty if nobody says."""
+    trained: str = ""
+    """How long the trainings took; empty if it is not known."""
 
 
 @dataclass(frozen=True)
@@ -113,6 +115,7 @@ def origin_of(
         runs=subject.runs,
         experiment=subject.experiment,
         drawn=subject.drawn,
+        trained=subject.trained,
     )
 
 

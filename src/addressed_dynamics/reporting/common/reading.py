@@ -32,7 +32,7 @@ def read_json(path: Path, kind: type[Value]) -> Value:
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         place = ".".join(str(part) for part in first["loc"]) or "the file"
-        message = f"{path}: {place}: {first['msg']}; run the stage that writes it again"
+        message = f"{path}: {place}: {first['msg']}; '{remedy_of(path)}' writes it anew"
         raise ReportError(message) from error
 
 
@@ -63,7 +63,7 @@ def read_rows(path: Path, needed: tuple[str, ...]) -> list[dict[str, str]]:
     rows = list(csv.DictReader(_read_text(path).splitlines()))
     for name in needed:
         if rows and name not in rows[0]:
-            message = f"{path}: there is no column '{name}'; run the stage that writes it again"
+            message = f"{path}: there is no column '{name}'; '{remedy_of(path)}' writes it anew"
             raise ReportError(message)
     return rows
 
@@ -83,7 +83,7 @@ def columns_of(path: Path, rows: list[dict[str, str]], by: str) -> dict[str, Col
             for key, group in groups.items()
         }
     except (ValueError, TypeError) as error:
-        message = f"{path}: a cell is not a number ({error}); run the stage that writes it again"
+        message = f"{path}: a cell is not a number ({error}); '{remedy_of(path)}' writes it anew"
         raise ReportError(message) from error
 
 
@@ -103,7 +103,9 @@ def read_arrays(path: Path, make: Callable[[Mapping[str, np.ndarray]], Value]) -
     except FileNotFoundError as error:
         raise _missing_file(path) from error
     except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
-        message = f"{path}: not the arrays that the evaluate stage writes ({error}); run it again"
+        message = (
+            f"{path}: not the arrays that the evaluate stage writes ({error}); '{remedy_of(path)}' writes them anew"
+        )
         raise ReportError(message) from error
 
 
@@ -113,7 +115,7 @@ def _read_text(path: Path) -> str:
     except FileNotFoundError as error:
         raise _missing_file(path) from error
     except (OSError, UnicodeDecodeError) as error:
-        message = f"{path}: cannot be read ({error}); run the stage that writes it again"
+        message = f"{path}: cannot be read ({error}); '{remedy_of(path)}' writes it anew"
         raise ReportError(message) from error
 
 

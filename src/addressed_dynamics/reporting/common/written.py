@@ -30,6 +30,8 @@ class Subject:
     """Digests of what was trained, with which runs are tagged, by the outputs' names."""
     drawn: str = ""
     """When the report is drawn, and on which machine; empty if nobody says."""
+    trained: str = ""
+    """How long the trainings took; empty if it is not known."""
 
 
 @dataclass(frozen=True)

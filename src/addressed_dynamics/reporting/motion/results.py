@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float
 
 from addressed_dynamics.base.errors import ReportError
 from addressed_dynamics.evaluation.motion.records import MotionEvaluation
+from addressed_dynamics.reporting.common.missing import remedy_of
 from addressed_dynamics.reporting.common.results import Results, read_results
 from addressed_dynamics.reporting.motion.recorded import MotionData
 
@@ -69,7 +70,8 @@ def load_motion_results(figures: Path, evaluation: Path) -> MotionResults:
     results = MotionResults(**read_results(figures, evaluation, MotionData, MotionEvaluation, _arrays))
     own = results.evaluation.own_name
     if own not in results.arrays.loops:
-        message = f"{evaluation / 'arrays.npz'}: there is nothing of {own}; run evaluate again"
+        path = evaluation / "arrays.npz"
+        message = f"{path}: there is nothing of {own}; run evaluate again ('{remedy_of(path)}')"
         raise ReportError(message)
     return results
 

@@ -121,7 +121,7 @@ def title_of(evaluation: Evaluation, name: str) -> str:
 
 def error_table(evaluation: Evaluation, shown: Beside, features: FeatureSpec) -> Table | None:
     """Return the errors after a step, a second and ten, in units and in % of the range; None if not measured."""
-    found = {name: evaluation.candidates[name].errors_after for name in shown.names}
+    found = {name: _moments(evaluation.candidates[name]) for name in shown.names}
     times = found[shown.own]
     if not times:
         return None
@@ -136,12 +136,23 @@ def error_table(evaluation: Evaluation, shown: Beside, features: FeatureSpec) ->
     for dimension in _largest(times[-1], features):
         cells = (_unit_cell(at.get(pair), dimension.name, scale) for pair in pairs)
         rows.append(Row((with_unit(dimension.name, dimension.unit), *cells)))
-    least = min(each.rollouts for each in times)
-    caption = (
-        f"Root mean square error on held-out episodes, over {least:,} rollouts, in the unit and, in brackets, in % of "
-        "the range."
-    )
-    return Table(caption, tuple(columns), tuple(rows))
+    return Table(_error_caption(evaluation, times), tuple(columns), tuple(rows))
+
+
+def _error_caption(evaluation: Evaluation, times: Sequence[ErrorAfter]) -> str:
+    """Say over what the errors at these moments are, and why one step may have the largest."""
+    what = "Root mean square error on held-out episodes, in the unit and, in brackets, in % of the range"
+    later = [each for each in times if not _of_all(evaluation.chosen, each)]
+    if len(later) == len(times):
+        return f"{what}, over {min(each.rollouts for each in times):,} rollouts."
+    whole = f"{what}: of one step over all {evaluation.test.transitions:,} test transitions"
+    if not later:
+        return f"{whole}."
+    rollouts = f"{whole}, then over {min(each.rollouts for each in later):,} rollouts"
+    if times[0].percent <= later[0].percent:
+        return f"{rollouts}."
+    first = significant(evaluation.chosen.errors_after[0].percent, 2)
+    return f"{rollouts}, which begin where it is easier (their first steps: {first}\u202f%)."
 
 
 def error_chart(results: TransitionResults, shown: Beside, features: FeatureSpec) -> Chart | None:
@@ -317,6 +328,32 @@ def _largest(last: ErrorAfter, features: FeatureSpec) -> Sequence[Dimension]:
     known = [each for each in features.spaces.observation if each.name in last.dimensions]
     largest = sorted(known, key=lambda each: -last.dimensions[each.name] / scale[each.name])[:MOST_DIMENSIONS]
     return [each for each in known if each in largest]
+
+
+def _of_all(candidate: CandidateResult, error: ErrorAfter) -> bool:
+    """Return whether an error is shown over all test transitions, and not over the rollouts."""
+    return error.steps == 1 and candidate.one_step.percent is not None
+
+
+def _moments(candidate: CandidateResult) -> Sequence[ErrorAfter]:
+    """Return the errors after some moments; those one step ahead are over all test transitions.
+
+    What is said of one step elsewhere is over these, too: the first steps of the rollouts are few, and seldom hold what
+    is rare, as a bump into a wall. Results of earlier versions have them alone.
+    """
+    one_step = candidate.one_step
+    units = {each.name: each.squared.mean**0.5 for each in one_step.dimensions}
+    return [
+        each.model_copy(
+            update={
+                "percent": one_step.percent,
+                "dimensions": {name: units.get(name, first) for name, first in each.dimensions.items()},
+            }
+        )
+        if _of_all(candidate, each)
+        else each
+        for each in candidate.errors_after
+    ]
 
 
 def _percent_cell(error: ErrorAfter | None) -> str:

@@ -12,6 +12,7 @@ from jaxtyping import Float, Int
 
 from addressed_dynamics.base.errors import ReportError
 from addressed_dynamics.evaluation.transitions.records import Evaluation
+from addressed_dynamics.reporting.common.missing import remedy_of
 from addressed_dynamics.reporting.common.reading import Columns, columns_of, read_csv_if_there, read_rows
 from addressed_dynamics.reporting.common.results import Results, read_results
 from addressed_dynamics.reporting.transitions.recorded import DataResult
@@ -89,7 +90,8 @@ def load_results(figures: Path, evaluation: Path) -> TransitionResults:
     for seed, variant in delivered.items():
         if variant not in found.seeds.get(seed, {}) or "ensemble/argmax" not in found.candidates:
             what = f"seed {seed} with {variant} addressing was not measured"
-            message = f"{evaluation / 'evaluation.json'}: {what}; run evaluate again"
+            path = evaluation / "evaluation.json"
+            message = f"{path}: {what}; run evaluate again ('{remedy_of(path)}')"
             raise ReportError(message)
     return results
 
