@@ -10,6 +10,7 @@ from addressed_dynamics.evaluation.common.evaluated import write_evaluated
 from addressed_dynamics.simulators.calibrated import write_trust
 from addressed_dynamics.simulators.delivery import write_delivered
 from addressed_dynamics.simulators.packing import packed
+from addressed_dynamics.simulators.rewards import write_task
 from addressed_dynamics.simulators.starts import write_starts
 from pipeline.stage import (
     Call,
@@ -31,6 +32,7 @@ def main(call: Call) -> str:
     found = evaluate(tables_dir(experiment), models_dir(experiment), params, cores=available_cores())
     write_trust(models_dir(experiment), found.calibrated, found.uncalibrated)
     write_starts(models_dir(experiment), found.starts)
+    write_task(models_dir(experiment), found.task)
     write_delivered(models_dir(experiment), found.delivered)
     with atomic_path(evaluation_dir(experiment)) as folder:
         write_evaluated(found, folder)

@@ -13,7 +13,7 @@ from torch import Tensor
 from addressed_dynamics.base.errors import ModelError
 from addressed_dynamics.simulators.given import Given
 from addressed_dynamics.simulators.spaces import checked_actions
-from addressed_dynamics.simulators.tasks import NOBODY, exogenous_at, reward_and_end
+from addressed_dynamics.simulators.tasks import exogenous_at, reward_and_end, sources
 from addressed_dynamics.simulators.worlds import World
 
 Info = dict[str, np.ndarray]
@@ -132,7 +132,7 @@ class Copies:
         after = np.where(sound[:, None], predicted, last)
         bounds = world.observation_space
         after, unclipped = np.clip(after, bounds.low, bounds.high), after
-        reward, terminated = reward_and_end(world.task, last, chosen, after)
+        reward, terminated = reward_and_end(world.task, last, chosen, after, known[:, -1])
         self._frames[rows] = np.concatenate([frames[:, 1:], after[:, None]], axis=1)
         self._actions[rows], self._exogenous[rows] = acted[:, 1:], known[:, 1:]
         self.steps[rows] += 1
@@ -140,10 +140,10 @@ class Copies:
         stopped = self._stopped(rows, sound, trust)
         truncated = (stopped != "") | (self.steps[rows] >= self._limit)
         self.ended[rows] = terminated | truncated
-        source = NOBODY if world.task is None else world.task.name
         info = {"network": network, **({} if trust is None else {"trust": trust})}
         info |= {"clipped": (after != unclipped).any(axis=1), "stopped_by": stopped}
-        info |= {name: np.full(len(rows), source, object) for name in ("reward_source", "end_source")}
+        said_by = zip(("reward_source", "end_source"), sources(world.task), strict=True)
+        info |= {name: np.full(len(rows), source, object) for name, source in said_by}
         return Stepped(after, reward, terminated, truncated, info)
 
     def _predicted(

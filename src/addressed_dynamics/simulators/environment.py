@@ -9,7 +9,8 @@ a step has
 * `stopped_by`: why the model cannot go on (and `truncated` is true): `trust`, for less than `least_trust`; `exogenous`,
   for the end of what is replayed; `not_finite`, for a prediction that is no number, in place of which the state stays;
   else empty, also where a time limit truncates,
-* `reward_source`, `end_source`: the name of the function that says reward and end, or `none`.
+* `reward_source`, `end_source`: the name of the function that says reward and end; `learned` if networks do, which were
+  trained on the logs; `none` if nobody does: then the reward is 0, or no episode ends inside the task.
 
 That of a reset has `episode` and `step` of the recording that the start is from, -1 if it was given, and `clipped`.
 """

@@ -11,9 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int64
 
 from addressed_dynamics.base.errors import ModelError
-
-NOBODY = "none"
-"""Who says reward and end if nobody does."""
+from addressed_dynamics.simulators.rewards import NOBODY, LearnedTask
 
 
 @dataclass(frozen=True)
@@ -53,11 +51,19 @@ def told(given: Callable[..., Any] | str, what: str) -> Told:
     return Told(given, function)
 
 
+def sources(task: Told | LearnedTask | None) -> tuple[str, str]:
+    """Return who says reward and end, by name."""
+    if isinstance(task, LearnedTask):
+        return task.sources
+    return (NOBODY, NOBODY) if task is None else (task.name, task.name)
+
+
 def reward_and_end(
-    task: Told | None,
+    task: Told | LearnedTask | None,
     state: Float32[np.ndarray, "copy observation"],
     action: np.ndarray,
     next_state: Float32[np.ndarray, "copy observation"],
+    exogenous: Float32[np.ndarray, "copy exogenous"],
 ) -> tuple[Float64[np.ndarray, " copy"], Bool[np.ndarray, " copy"]]:
     """Return rewards, and which steps end an episode inside the task; zeros and none if nobody says.
 
@@ -67,6 +73,8 @@ def reward_and_end(
     number = len(state)
     if task is None:
         return np.zeros(number), np.zeros(number, bool)
+    if isinstance(task, LearnedTask):
+        return task(state, action, next_state, exogenous)
     found = _called(task, "reward function", state.copy(), action.copy(), next_state.copy())
     if not isinstance(found, tuple) or len(found) != 2:
         message = f"the reward function '{task.name}' should return (reward, terminated), but returned {found!r:.80}"

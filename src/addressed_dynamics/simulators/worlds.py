@@ -16,6 +16,7 @@ from addressed_dynamics.base.errors import ModelError
 from addressed_dynamics.episodes.transitions import DiscreteAction
 from addressed_dynamics.simulators.addressed import AddressedDynamics
 from addressed_dynamics.simulators.modes import Mode
+from addressed_dynamics.simulators.rewards import LEARNED, NOBODY, LearnedTask, read_task
 from addressed_dynamics.simulators.spaces import observation_box, space_of_actions
 from addressed_dynamics.simulators.starts import Starts, read_starts
 from addressed_dynamics.simulators.tasks import Told, told
@@ -23,6 +24,8 @@ from addressed_dynamics.simulators.trust import Trust
 
 Begin = Literal["beginnings", "anywhere"]
 BEGINS: tuple[Begin, ...] = ("beginnings", "anywhere")
+OWN_FUNCTIONS = "addressed_dynamics."
+"""How functions begin that a folder of models may name."""
 
 
 class WorldOptions(TypedDict, total=False):
@@ -38,7 +41,8 @@ class WorldOptions(TypedDict, total=False):
     """Whether to start where recorded episodes begin (the default), or anywhere in them."""
     reward: Callable[..., Any] | str | None
     """Who says reward and end: a function, or its name as `module:function`, from states (B, d), actions and next
-    states of B copies to (rewards (B,), terminated (B,)); None for nobody: rewards of 0, and no end."""
+    states of B copies to (rewards (B,), terminated (B,)); `learned`: what was learned from the logs; `none`: nobody, so
+    rewards of 0, and no end. None: the function that the experiment names, else what was learned, else nobody."""
     exogenous: Callable[..., Any] | str | None
     """A function from numbers of steps (B,), the first of which is 0, to exogenous inputs (B, d_exo), or its name; None
     to replay those of the recorded episode, with which an episode ends."""
@@ -63,8 +67,8 @@ class World:
     """Why there are none."""
     candidates: Int64[np.ndarray, " candidate"]
     """Which of the starts are drawn from."""
-    task: Told | None
-    """Who says reward and end."""
+    task: Told | LearnedTask | None
+    """Who says reward and end; None for nobody."""
     exogenous: Told | None
     """Who says the exogenous inputs; None if they are replayed, or if there are none."""
     trust: Trust | None
@@ -116,7 +120,7 @@ class World:
             starts=found,
             no_starts=missing,
             candidates=np.empty(0, np.int64) if here is None else np.flatnonzero(here),
-            task=None if reward is None else told(reward, "reward"),
+            task=_task(used, home, reward, exact=exact),
             exogenous=None if exogenous is None else told(exogenous, "exogenous"),
             trust=_trust(used, wanted=trust, least=least_trust),
             least_trust=least_trust,
@@ -181,6 +185,39 @@ def _trust(model: AddressedDynamics, *, wanted: bool | None, least: float | None
     if wanted or least is not None:
         return model.trusted(model.mode)
     return None if wanted is False else model.trusted_if_calibrated()
+
+
+def _task(
+    model: AddressedDynamics, home: Path | None, reward: Callable[..., Any] | str | None, *, exact: bool
+) -> Told | LearnedTask | None:
+    if reward == NOBODY:
+        return None
+    if reward is not None and reward != LEARNED:
+        return told(reward, "reward")
+    kept = None if home is None else read_task(home)
+    if reward is None and kept is not None and kept.function is not None:
+        # A model may come from anywhere, and reading one runs no code but this package's.
+        if not kept.function.startswith(OWN_FUNCTIONS):
+            message = (
+                f"{home}: the experiment names '{kept.function}' for reward and end, which is no function of this "
+                f"package and is not run unasked; give reward='{kept.function}', or reward='{LEARNED}'"
+            )
+            raise ModelError(message)
+        return told(kept.function, "reward")
+    learned = None if kept is None else kept.learned
+    if learned is None:
+        if reward is None:
+            return None
+        where = "a model without its folder" if home is None else str(home)
+        message = (
+            f"{where}: no reward was learned that is kept with it; name a folder of an experiment's models, for which "
+            "'dvc repro evaluate@NAME' learns one, or give a function"
+        )
+        raise ModelError(message)
+    if learned.spaces != model.features.spaces:
+        message = f"{home}: reward and end were learned in other spaces than the model; evaluate the experiment again"
+        raise ModelError(message)
+    return learned.double() if exact else learned
 
 
 def _precise(model: AddressedDynamics) -> AddressedDynamics:

@@ -12,6 +12,7 @@ from addressed_dynamics.base.files import save_arrays, write_json, write_rows
 from addressed_dynamics.evaluation.common.measures import MEASURES, Row, rows_of, write_rows_of_measures
 from addressed_dynamics.simulators.calibrated import Calibrated
 from addressed_dynamics.simulators.delivery import Delivered
+from addressed_dynamics.simulators.rewards import KeptTask
 from addressed_dynamics.simulators.serving import Served
 from addressed_dynamics.simulators.starts import Starts
 
@@ -47,6 +48,8 @@ class Evaluated:
     load_served: Callable[[Path], Served] | None = None
     """Loads what is delivered of a folder of models as a function of a table; None if models of this kind of data are
     none."""
+    task: KeptTask | None = None
+    """Who says reward and end there; None as above."""
 
 
 def write_evaluated(found: Evaluated, folder: Path) -> None:

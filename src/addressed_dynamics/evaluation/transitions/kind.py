@@ -34,6 +34,7 @@ from addressed_dynamics.evaluation.transitions.points import Points
 from addressed_dynamics.evaluation.transitions.recommending import Score, deliver, recommend
 from addressed_dynamics.evaluation.transitions.records import Evaluation
 from addressed_dynamics.evaluation.transitions.repeats import repeats
+from addressed_dynamics.evaluation.transitions.rewarding import judge_tasks, learn_task
 from addressed_dynamics.evaluation.transitions.rollouts import roll_out, seen_range, squared_errors
 from addressed_dynamics.evaluation.transitions.shifts import record_shifts
 from addressed_dynamics.evaluation.transitions.starting import starts_of
@@ -55,6 +56,7 @@ from addressed_dynamics.features.transitions.spec import FeatureSpec
 from addressed_dynamics.networks.files import load_network
 from addressed_dynamics.simulators.calibrated import Calibrated
 from addressed_dynamics.simulators.delivery import ENSEMBLE, Choice, Delivered, Origin
+from addressed_dynamics.simulators.rewards import KeptTask
 from addressed_dynamics.simulators.serving_transitions import load_served
 from addressed_dynamics.sources.transitions.params import EvaluationParams
 from addressed_dynamics.training.ensemble import untrained_ensemble
@@ -95,6 +97,9 @@ def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int
         {} if trusted.half is None else {name: trusted.half},
     )  # fmt: skip
     used = {each.name: each for each in candidates}
+    train, test = points["train"].transitions, points["test"].transitions
+    learned, telling = learn_task(train, validation.transitions, segments)
+    task = KeptTask(params.reward, learned)
     other = load_other_recipe(models / "baselines", candidates)
     report = {
         "loss": loss,
@@ -118,6 +123,7 @@ def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int
         "recommendation": None if found is None else found[0],
         "choice": {"candidate": name, "why": chosen.why},
         "trust": trusted.record,
+        "reward": judge_tasks(task, telling, train, test, segments).model_dump(),
         "repeats": repeats(points["train"], points["test"], predicted_states(used[name], points["test"])),
         "falling": falling(
             percent_of_range(squared_errors(predicted[name], truth), scale), truth.states, dimensions, scale
@@ -139,8 +145,9 @@ def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int
     Evaluation.model_validate(report)
     return Evaluated(
         report, arrays, {"horizon": horizon}, _headline(report), summary, chosen, further, trusted.calibrated,
-        trusted.missing, starts_of(points["train"].transitions, features.history),
+        trusted.missing, starts_of(train, features.history),
         Score(**chosen.scores[name]).criteria() if name in chosen.scores else (), _figures(report, name), load_served,
+        task,
     )  # fmt: skip
 
 

@@ -11,6 +11,7 @@ from addressed_dynamics.base.errors import ReportError
 from addressed_dynamics.base.params.training import AddressingTraining, EnsembleParams
 from addressed_dynamics.evaluation.common.bootstrap import FEWEST_ROLLOUTS
 from addressed_dynamics.evaluation.common.records import BaselineLosses, Dropped, Record, Specialisations
+from addressed_dynamics.evaluation.transitions.reward_records import TaskRecord
 from addressed_dynamics.evaluation.transitions.trust_records import TrustRecord
 from addressed_dynamics.simulators.delivery import Why
 from addressed_dynamics.sources.transitions.params import FeatureParams
@@ -415,6 +416,8 @@ class Evaluation(Record):
     """None if it was not measured, as in results of earlier versions."""
     noise_floor: NoiseFloor | None = None
     """None if there are too few training transitions, as in results of earlier versions."""
+    reward: TaskRecord | None = None
+    """Who says reward and end of a learned environment; None in results of earlier versions."""
     repeats: Repeats | None = None
     """None in results of earlier versions."""
     falling: Falling | None = None

@@ -6,6 +6,8 @@ from typing import Any
 
 from addressed_dynamics.evaluation.common.summary import log10_of, rounded
 from addressed_dynamics.evaluation.transitions.horizons import LOST_PERCENT
+from addressed_dynamics.evaluation.transitions.reward_records import TaskRecord
+from addressed_dynamics.simulators.rewards import LEARNED
 
 OWN = "ensemble/"
 """First part of the names of our own candidates."""
@@ -17,12 +19,14 @@ DIMENSIONS_SHOWN = 10
 def summarise(
     report: Mapping[str, Any], horizon: Sequence[Mapping[str, Any]], scale: Mapping[str, float], step_seconds: float
 ) -> dict[str, float]:
-    """Return the headline of an evaluation: at most 20 numbers.
+    """Return the headline of an evaluation: at most 23 numbers.
 
     Errors in percent are root mean squares over the dimensions of the state, each in % of its range. Those of rollouts
     are of the median episode; a horizon is the time after which this error reaches `LOST_PERCENT`, or the length of the
     rollouts. `rollout_log10_mse_*` is the base-10 logarithm of the median episode's mean squared error over the whole
     rollout, in the unit of the dimension squared.
+
+    Figures of the learned reward and end are there only if the logs have rewards, or ends.
 
     Args:
         report: what goes into evaluation.json.
@@ -52,8 +56,21 @@ def summarise(
             **{f"rollout_log10_mse_{name}": log10_of(median[name]) for name in list(median)[:DIMENSIONS_SHOWN]},
             "rollouts_out_of_bounds_percent": None if left is None else 100 * left,
             "multiply_adds_a_step": own["multiply_adds"],
+            **_learned_task(report.get("reward")),
         }
     )
+
+
+def _learned_task(record: Mapping[str, Any] | None) -> dict[str, float | None]:
+    """Return how well reward and end were learned from the logs, if these have some."""
+    learned = None if record is None else TaskRecord.model_validate(record).judged.get(LEARNED)
+    if learned is None:
+        return {}
+    return {
+        "learned_reward_rmse": learned.reward_rmse,
+        "false_ends_per_thousand_steps": learned.false_ends_per_thousand,
+        "missed_ends_per_thousand": learned.missed_ends_per_thousand,
+    }
 
 
 def _one_step(candidate: Mapping[str, Any], scale: Mapping[str, float]) -> float:

@@ -30,6 +30,7 @@ from addressed_dynamics.reporting.transitions.quality import quality_blocks, rep
 from addressed_dynamics.reporting.transitions.recipes import recipes_table
 from addressed_dynamics.reporting.transitions.recorded import BlocksResult
 from addressed_dynamics.reporting.transitions.results import TransitionResults
+from addressed_dynamics.reporting.transitions.rewards import reward_blocks
 from addressed_dynamics.reporting.transitions.settings import model_words
 from addressed_dynamics.reporting.transitions.targets import judge_targets, targets_caption
 from addressed_dynamics.reporting.transitions.trust import trust_blocks
@@ -53,6 +54,7 @@ def account(results: TransitionResults, origin: Origin[FeatureSpec], paper: Pape
         Section("Rollouts", _rollout_blocks(results, origin, paper, others)),
         Section("One step ahead", _one_step_blocks(results, origin, paper, efforts)),
         Section("Trust", trust_blocks(evaluation.trust, results.arrays, features)),
+        Section("Reward and end", reward_blocks(evaluation.reward)),
         Section("Candidates", (every,) if every else ()),
     )
     both = recipes_table(evaluation, _recipe(origin))

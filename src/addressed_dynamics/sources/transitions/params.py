@@ -155,6 +155,11 @@ class EvaluationParams(Section):
             raise ValueError(message)
         return self
 
+    reward: Annotated[str, Field(pattern=r"^\w+(\.\w+)*:\w+$")] | None = None
+    """A function that says reward and end of steps, as `module:function`, if one is known: an environment of the model
+    asks it, where it would else ask what is learned from the logs. The form is that of
+    `addressed_dynamics.envs:mountain_car_reward`."""
+
     deliver: Literal["best", "addressed"] = "best"
     """Which model is delivered: the `best` on validation episodes, of all that were trained or are references, or the
     `addressed` ensemble, which is the default where there is a `paper`."""
