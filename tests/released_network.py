@@ -8,7 +8,7 @@ from torch import Tensor
 from torch.nn.functional import elu
 
 from addressed_dynamics.episodes.motion import Motion
-from addressed_dynamics.evaluation.motion.predictor import MotionPredictor
+from addressed_dynamics.simulators.motion_predictor import MotionPredictor
 
 
 def released_network(folder: Path) -> MotionPredictor:

@@ -10,13 +10,15 @@ import torch
 from driven import MOTION, motion_model, say, steps, walker
 
 from addressed_dynamics.drive.finding import Named, find
-from addressed_dynamics.drive.motion import JOG, TURNS, DrivenMotion, mean_pose
+from addressed_dynamics.drive.motion import JOG, TURNS, DrivenMotion
 from addressed_dynamics.envs import LEARNED
 from addressed_dynamics.episodes.layout import JOINTS
-from addressed_dynamics.evaluation.motion.closed_loop.commands import SLOWEST, Segment, script
+from addressed_dynamics.evaluation.motion.closed_loop.commands import Segment, script
 from addressed_dynamics.evaluation.motion.closed_loop.run import closed_loop, start_pose
 from addressed_dynamics.features.motion.features import TARGETS, fit_motion_features
 from addressed_dynamics.logs import read_log
+from addressed_dynamics.simulators.motion_controller import SLOWEST
+from addressed_dynamics.simulators.motion_loop import mean_pose
 from addressed_dynamics.sources.motion.params import MotionFeatureParams
 
 

@@ -17,20 +17,19 @@ from addressed_dynamics.drive.protocol import AnyMessage, Command
 from addressed_dynamics.drive.recorder import DriveRecorder, Recorded, imagined_by_hand
 from addressed_dynamics.drive.session import Said, Session, plain
 from addressed_dynamics.episodes.layout import FRAME_RATE, JOINTS, OUTPUT
-from addressed_dynamics.episodes.transitions import ContinuousAction, Dimension, SpaceSpec
-from addressed_dynamics.evaluation.motion.closed_loop.commands import SLOWEST
-from addressed_dynamics.evaluation.motion.closed_loop.controller import (
+from addressed_dynamics.episodes.transitions import Dimension, SpaceSpec
+from addressed_dynamics.logs import RunInfo
+from addressed_dynamics.simulators.motion import MotionModel
+from addressed_dynamics.simulators.motion_controller import (
     NOW,
+    SLOWEST,
     Commands,
-    Pose,
     State,
     joints_in_world,
     reset,
 )
-from addressed_dynamics.evaluation.motion.closed_loop.run import LoopFrame, loop_frame
-from addressed_dynamics.features.motion.features import MotionFeatures
-from addressed_dynamics.logs import RunInfo
-from addressed_dynamics.simulators.motion import MotionModel
+from addressed_dynamics.simulators.motion_environment import COMMANDS
+from addressed_dynamics.simulators.motion_loop import LoopFrame, loop_frame, mean_pose
 
 PFNN = "phase_functioned"
 """Name of the candidate that stands beside the others."""
@@ -46,15 +45,7 @@ SPACES = SpaceSpec(
         *(Dimension(f"facing_{axis}", "", -1.0, 1.0) for axis in "xz"),
         *(Dimension(f"{joint}_{axis}", "cm", *_UNBOUNDED) for joint in JOINTS for axis in "xyz"),
     ),
-    action=ContinuousAction(
-        (
-            *(Dimension(f"velocity_{axis}", "cm/frame", *_UNBOUNDED) for axis in "xz"),
-            *(Dimension(f"facing_{axis}", "", -1.0, 1.0) for axis in "xz"),
-            Dimension("jog", "", 0.0, 1.0),
-            Dimension("strafe", "", 0.0, 1.0),
-            Dimension("crouch", "", 0.0, 1.0),
-        )
-    ),
+    action=COMMANDS,
     step_seconds=1 / FRAME_RATE,
 )
 """What a log of a driven character holds: where it is in the world, and what was asked of it."""
@@ -235,16 +226,6 @@ class MotionSession(Session):
         if model.mode == "phase" or model.addressing is None or not self._alive[0]:
             return None
         return plain(model.probabilities(torch.from_numpy(seen.x[:1]).float())[0].numpy(), 3)
-
-
-def mean_pose(features: MotionFeatures) -> Pose:
-    """Return the mean pose of the frames that a model was trained on, with which the published controller begins.
-
-    It is what a network means that answers the mean target to the mean input.
-    """
-    inputs = torch.tensor([features.input_mean])
-    mean = features.decode(torch.zeros(1, features.outputs), inputs)[0].double().numpy()
-    return Pose(mean[OUTPUT.joint_position].reshape(-1, 3), mean[OUTPUT.joint_velocity].reshape(-1, 3))
 
 
 def _speed(state: State, run: int, frames: int = 12) -> float:

@@ -12,12 +12,14 @@ a step has
 * `reward_source`, `end_source`: the name of the function that says reward and end; `learned` if networks do, which were
   trained on the logs; `none` if nobody does: then the reward is 0, or no episode ends inside the task.
 
+What an environment of motion says is in `addressed_dynamics.simulators.motion_environment`.
+
 That of a reset has `episode` and `step` of the recording that the start is from, -1 if it was given, and `clipped`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -32,11 +34,47 @@ from addressed_dynamics.base.errors import ModelError
 from addressed_dynamics.simulators.addressed import AddressedDynamics
 from addressed_dynamics.simulators.copies import Copies, Info, all_rows, reset_seeds
 from addressed_dynamics.simulators.given import given_starts
+from addressed_dynamics.simulators.motion import MotionModel
+from addressed_dynamics.simulators.motion_environment import MotionCopies, MotionWorld, given_facings, is_motion
 from addressed_dynamics.simulators.worlds import World, WorldOptions
 
 State = Float32[np.ndarray, " observation"]
 States = Float32[np.ndarray, "copy observation"]
 Ends = Bool[np.ndarray, " copy"]
+
+
+def world_of(
+    model: AddressedDynamics | MotionModel | str | Path, **options: Unpack[WorldOptions]
+) -> World | MotionWorld:
+    """Return the world of a model, or of what is in its folder: of states and actions, or of motion and commands.
+
+    Raises:
+        ModelError: there is no such model, function or choice, or an option does not fit the model.
+    """
+    if isinstance(model, AddressedDynamics):
+        return World.of(model, **options)
+    if isinstance(model, MotionModel) or is_motion(model, options.get("candidate")):
+        return MotionWorld.of(model, **options)
+    return World.of(model, **options)
+
+
+def copies_of(world: World | MotionWorld, number: int, limit: int | None = None) -> Copies | MotionCopies:
+    """Return copies of a world that have not started, with a limit to the steps of an episode."""
+    return MotionCopies(world, number, limit) if isinstance(world, MotionWorld) else Copies(world, number, limit)
+
+
+def start_copies(
+    copies: Copies | MotionCopies, rows: Int64[np.ndarray, " chosen"], options: Mapping[str, Any]
+) -> tuple[States, Info]:
+    """Start some copies anew, as options of `reset` say.
+
+    Raises:
+        ModelError: what is given is no start, or there is none to draw.
+    """
+    number = len(copies.ended)
+    if isinstance(copies, MotionCopies):
+        return copies.start(rows, given_facings(options, number))
+    return copies.start(rows, given_starts(copies.world, options, number))
 
 
 class LearnedEnvironment(gymnasium.Env[State, Any]):
@@ -52,12 +90,12 @@ class LearnedEnvironment(gymnasium.Env[State, Any]):
 
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 # Gymnasium declares it without ClassVar
 
-    def __init__(self, model: AddressedDynamics | str | Path, **options: Unpack[WorldOptions]) -> None:
-        self.world = World.of(model, **options)
+    def __init__(self, model: AddressedDynamics | MotionModel | str | Path, **options: Unpack[WorldOptions]) -> None:
+        self.world = world_of(model, **options)
         self.observation_space = self.world.observation_space
         self.action_space = self.world.action_space
         self.metadata = self.world.described()
-        self._copies = Copies(self.world, 1)
+        self._copies = copies_of(self.world, 1)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[State, dict[str, Any]]:
         """Start at a state that is drawn from recorded ones, or given: `options={"state": ...}`.
@@ -67,8 +105,7 @@ class LearnedEnvironment(gymnasium.Env[State, Any]):
         """
         super().reset(seed=seed)
         self._copies.generators = [self.np_random]
-        given = given_starts(self.world, options or {}, 1)
-        observation, info = self._copies.start(all_rows(1), given)
+        observation, info = start_copies(self._copies, all_rows(1), options or {})
         return observation[0], _of_one(info)
 
     def step(self, action: Any) -> tuple[State, float, bool, bool, dict[str, Any]]:
@@ -106,7 +143,7 @@ class LearnedEnvironments(VectorEnv[States, Any, np.ndarray]):
 
     def __init__(
         self,
-        model: AddressedDynamics | str | Path,
+        model: AddressedDynamics | MotionModel | str | Path,
         num_envs: int = 1,
         *,
         max_episode_steps: int | None = None,
@@ -119,7 +156,7 @@ class LearnedEnvironments(VectorEnv[States, Any, np.ndarray]):
         if max_episode_steps is not None and max_episode_steps < 1:
             message = f"max_episode_steps should be at least 1, but is {max_episode_steps}"
             raise ModelError(message)
-        self.world = World.of(model, **options)
+        self.world = world_of(model, **options)
         self.num_envs = num_envs
         self.autoreset_mode = _autoreset_mode(autoreset_mode)
         self.metadata = {**self.world.described(), "autoreset_mode": self.autoreset_mode}
@@ -127,7 +164,7 @@ class LearnedEnvironments(VectorEnv[States, Any, np.ndarray]):
         self.single_action_space = self.world.action_space
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._copies = Copies(self.world, num_envs, max_episode_steps)
+        self._copies = copies_of(self.world, num_envs, max_episode_steps)
         self._observation = np.zeros(self.observation_space.shape or (), np.float32)
 
     def reset(
@@ -147,7 +184,7 @@ class LearnedEnvironments(VectorEnv[States, Any, np.ndarray]):
             if seeds[row] is not None:
                 self._copies.generators[row] = seeding.np_random(seeds[row])[0]
         infos: dict[str, Any] = {}
-        started = self._copies.start(rows, given_starts(self.world, wanted, self.num_envs))
+        started = start_copies(self._copies, rows, wanted)
         self._observation[rows] = started[0]
         self._tell(infos, started[1], rows)
         return self._observation.copy(), infos

@@ -8,8 +8,8 @@ import torch
 
 from addressed_dynamics.episodes.layout import GAITS, INPUT, OUTPUT
 from addressed_dynamics.evaluation.motion.closed_loop.commands import Script
-from addressed_dynamics.evaluation.motion.closed_loop.controller import Pose
-from addressed_dynamics.evaluation.motion.predictor import MotionPredictor
+from addressed_dynamics.simulators.motion_controller import Pose
+from addressed_dynamics.simulators.motion_predictor import MotionPredictor
 
 
 def rotation(angle: float) -> np.ndarray:

@@ -6,9 +6,9 @@ from torch import Tensor
 
 from addressed_dynamics.episodes.layout import FUTURE_OFFSETS, INPUT, JOINTS, OUTPUT
 from addressed_dynamics.evaluation.motion.closed_loop.commands import Script
-from addressed_dynamics.evaluation.motion.closed_loop.controller import Pose
 from addressed_dynamics.evaluation.motion.closed_loop.measures import GaitReference, MotionReference, bone_lengths
-from addressed_dynamics.evaluation.motion.predictor import MotionPredictor
+from addressed_dynamics.simulators.motion_controller import Pose
+from addressed_dynamics.simulators.motion_predictor import MotionPredictor
 
 
 def a_pose() -> Pose:

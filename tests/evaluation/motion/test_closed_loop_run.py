@@ -15,8 +15,9 @@ from addressed_dynamics.base.errors import EvaluationError
 from addressed_dynamics.episodes.layout import INPUT, JOINTS, OFFSETS, OUTPUT
 from addressed_dynamics.episodes.motion import Motion
 from addressed_dynamics.evaluation.motion.closed_loop.commands import Script, Segment, script, validation_scripts
-from addressed_dynamics.evaluation.motion.closed_loop.run import FARTHEST, Trace, closed_loop, start_pose
-from addressed_dynamics.evaluation.motion.predictor import MotionPredictor
+from addressed_dynamics.evaluation.motion.closed_loop.run import Trace, closed_loop, start_pose
+from addressed_dynamics.simulators.motion_loop import FARTHEST
+from addressed_dynamics.simulators.motion_predictor import MotionPredictor
 
 POSE = a_pose()
 WALK = script([Segment(1.0, stick=1.0)])

@@ -24,10 +24,8 @@ from addressed_dynamics.evaluation.motion import suite
 from addressed_dynamics.evaluation.motion.baselines import mean_outputs
 from addressed_dynamics.evaluation.motion.candidates import MotionCandidate, reference_candidates
 from addressed_dynamics.evaluation.motion.closed_loop.commands import Script, Segment, script
-from addressed_dynamics.evaluation.motion.closed_loop.controller import Pose
 from addressed_dynamics.evaluation.motion.closed_loop.run import Trace, start_pose
 from addressed_dynamics.evaluation.motion.one_step import CHUNK_ROWS
-from addressed_dynamics.evaluation.motion.predictor import MotionPredictor
 from addressed_dynamics.evaluation.motion.suite import (
     SHOWN_JOINTS,
     ClosedLoopPlan,
@@ -43,6 +41,8 @@ from addressed_dynamics.features.motion.features import fit_motion_features
 from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.simulators.modes import MODES
 from addressed_dynamics.simulators.motion import MotionModel
+from addressed_dynamics.simulators.motion_controller import Pose
+from addressed_dynamics.simulators.motion_predictor import MotionPredictor
 from addressed_dynamics.sources.motion.params import MotionFeatureParams
 
 TRAIN = make_motion(48)

@@ -8,8 +8,8 @@ from jaxtyping import Complex128, Float, Float64
 from torch import Tensor
 
 from addressed_dynamics.episodes.layout import FUTURE_OFFSETS, INPUT, JOINTS, OFFSETS, OUTPUT
-from addressed_dynamics.evaluation.motion.ground import JOINT_X, JOINT_Y, JOINT_Z, ground
-from addressed_dynamics.evaluation.motion.predictor import MotionPredictor
+from addressed_dynamics.simulators.motion_ground import JOINT_X, JOINT_Y, JOINT_Z, ground
+from addressed_dynamics.simulators.motion_predictor import MotionPredictor
 
 HIPS = JOINTS.index("Hips")
 

@@ -12,12 +12,12 @@ import torch
 from addressed_dynamics.episodes.motion import Motion
 from addressed_dynamics.evaluation.common.sizes import total_size
 from addressed_dynamics.evaluation.motion.baselines import mean_outputs, persistence_plus_velocity
-from addressed_dynamics.evaluation.motion.predictor import MotionPredictor
 from addressed_dynamics.networks.addressing import multiply_adds_a_step
 from addressed_dynamics.networks.files import read_index
 from addressed_dynamics.networks.ridge import fit_ridge
 from addressed_dynamics.simulators.modes import MODES, Mode
 from addressed_dynamics.simulators.motion import MotionModel
+from addressed_dynamics.simulators.motion_predictor import MotionPredictor
 
 ENSEMBLE = "ensemble"
 """First part of the group of our own candidates, followed by the mode: `ensemble/argmax`."""

@@ -11,8 +11,8 @@ from jaxtyping import Float, Float64
 from addressed_dynamics.base.errors import EvaluationError
 from addressed_dynamics.episodes.layout import JOINTS, OUTPUT
 from addressed_dynamics.episodes.motion import Motion
-from addressed_dynamics.evaluation.motion.predictor import MotionPredictor
 from addressed_dynamics.evaluation.motion.unit_errors import UNITS, UnitError, unit_errors
+from addressed_dynamics.simulators.motion_predictor import MotionPredictor
 
 SMALLEST_DEVIATION = 1e-3
 """Errors are divided by no less than this: columns that never change would have infinite errors."""

@@ -19,16 +19,16 @@ from addressed_dynamics.episodes.motion import Motion
 from addressed_dynamics.evaluation.common.specialisation import specialisation
 from addressed_dynamics.evaluation.motion.candidates import BASELINE_LABELS, ENSEMBLE, MotionCandidate
 from addressed_dynamics.evaluation.motion.closed_loop.commands import Script, validation_scripts
-from addressed_dynamics.evaluation.motion.closed_loop.controller import Pose
 from addressed_dynamics.evaluation.motion.closed_loop.judging import courses, judge
 from addressed_dynamics.evaluation.motion.closed_loop.measures import MotionReference, data_reference
 from addressed_dynamics.evaluation.motion.closed_loop.run import Trace, closed_loop, start_pose
 from addressed_dynamics.evaluation.motion.closed_loop.score import closed_loop_score
-from addressed_dynamics.evaluation.motion.ground import current_gait
 from addressed_dynamics.evaluation.motion.one_step import CHUNK_ROWS, block_deviation, one_step_errors
 from addressed_dynamics.evaluation.motion.phase_use import phase_use
-from addressed_dynamics.evaluation.motion.predictor import MotionPredictor
 from addressed_dynamics.simulators.motion import MotionModel
+from addressed_dynamics.simulators.motion_controller import Pose
+from addressed_dynamics.simulators.motion_ground import current_gait
+from addressed_dynamics.simulators.motion_predictor import MotionPredictor
 
 SHOWN_JOINTS = ("Hips", "Head")
 """Joints whose predicted path is shown: those of the paper's Fig. 7."""

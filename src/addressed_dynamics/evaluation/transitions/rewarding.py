@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 import torch
@@ -29,9 +31,13 @@ from addressed_dynamics.simulators.rewards import (
 from addressed_dynamics.simulators.tasks import Told, reward_and_end, sources, told
 from addressed_dynamics.training.addressing import train_addressing
 from addressed_dynamics.training.ensemble import train_ensemble
+from addressed_dynamics.training.epochs import updates_per_epoch
 
 MOST_ROWS = 50_000
 """Training steps that a network learns from, at most; all that end an episode are among them."""
+FEWEST_UPDATES = 600
+"""Updates of a network, at least: few rows make smaller batches, and are then passed through more often."""
+SMALLEST_BATCH = 32
 SMALLEST_DEVIATION = 1e-6
 """An input, or the reward, that deviates less is constant."""
 REWARD = EnsembleParams(
@@ -44,6 +50,9 @@ END = AddressingTraining(
     tie_share=0.5,
 )  # fmt: skip
 """How the network of ends is trained: to choose between going on and ending."""
+
+
+TrainingParams = TypeVar("TrainingParams", EnsembleParams, AddressingTraining)
 
 
 @dataclass(frozen=True)
@@ -163,6 +172,13 @@ def _chosen(part: Transitions, name: str, always: Bool[np.ndarray, " step"]) -> 
     return np.unique(np.concatenate([np.flatnonzero(always), drawn]))
 
 
+def _long_enough(params: TrainingParams, rows: int) -> TrainingParams:
+    """Return how to train on so many rows: in batches and epochs that make enough updates."""
+    batch = max(SMALLEST_BATCH, min(params.batch_size, rows * params.epochs // FEWEST_UPDATES))
+    epochs = max(params.epochs, math.ceil(FEWEST_UPDATES / updates_per_epoch(rows, 1, batch)))
+    return params.model_copy(update={"batch_size": batch, "epochs": epochs})
+
+
 def _samples(x: Float[Tensor, "row input"], y: Float[Tensor, "row output"]) -> Samples:
     rows = torch.arange(len(x))
     return Samples(x.contiguous(), y.contiguous(), rows, torch.zeros_like(rows))
@@ -185,7 +201,7 @@ def _network_of_rewards(train: Transitions, validation: Transitions, mean: float
     ]
     centre, unit = _units(inputs[0])
     samples = [_samples((x - centre) / unit, y) for x, y in zip(inputs, targets, strict=True)]
-    *_, last = train_ensemble(samples[0], samples[1], REWARD, seed=0, loss_unit=1.0)
+    *_, last = train_ensemble(samples[0], samples[1], _long_enough(REWARD, len(samples[0])), seed=0, loss_unit=1.0)
     return Fitted(last.network.requires_grad_(False), centre, unit)
 
 
@@ -201,7 +217,8 @@ def _network_of_ends(train: Transitions, validation: Transitions, reward: Fitted
     # What it costs to say that a step goes on, and that it ends: a missed end weighs as much as it is rare.
     costs = [torch.stack([rarity * each, (~each).float()], dim=1).float() for each in ended]
     samples = [_samples((x - centre) / unit, each) for x, each in zip(inputs, costs, strict=True)]
-    *_, last = train_addressing(samples[0], costs[0], samples[1], costs[1], END, seed=0, variant="cost_sensitive")
+    params = _long_enough(END, len(samples[0]))
+    *_, last = train_addressing(samples[0], costs[0], samples[1], costs[1], params, seed=0, variant="cost_sensitive")
     end = Fitted(last.network.requires_grad_(False), centre, unit)
     judge = validation if validation.terminated.any() else train
     scores = end_scores(end, _inputs(judge, np.arange(len(judge))), reward)

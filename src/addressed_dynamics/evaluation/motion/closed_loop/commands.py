@@ -12,9 +12,7 @@ from jaxtyping import Complex128, Float64, Int64
 
 from addressed_dynamics.base.errors import EvaluationError
 from addressed_dynamics.episodes.layout import FRAME_RATE
-
-SLOWEST = 2.5
-"""Speed at full stick and without running, in cm/frame; running adds up to twice as much."""
+from addressed_dynamics.simulators.motion_controller import SLOWEST
 
 Kind = Literal["stand", "walk", "walk_turn", "jog", "jog_turn"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -56,7 +54,7 @@ class Script:
     segment: Int64[np.ndarray, " frame"]
     """Which segment a frame belongs to."""
     stick: Complex128[np.ndarray, " frame"]
-    """Where the stick points in the world (`evaluation.ground`), at most 1 long."""
+    """Where the stick points in the world (`simulators.motion_ground`), at most 1 long."""
     facing: Complex128[np.ndarray, " frame"]
     """Where to look when standing or strafing: a heading in the world, 1 long."""
     run: Float64[np.ndarray, " frame"]

@@ -99,7 +99,7 @@ class Course:
     """What a run did, frame by frame: the last frame is left out, for velocities lead to the next."""
 
     velocity: Complex128[np.ndarray, " frame"]
-    """Of the root, averaged over `CYCLE` frames, in cm/s (`evaluation.ground`)."""
+    """Of the root, averaged over `CYCLE` frames, in cm/s (`simulators.motion_ground`)."""
     commanded: Complex128[np.ndarray, " frame"]
     """In cm/s."""
     facing_error: Float64[np.ndarray, " frame"]

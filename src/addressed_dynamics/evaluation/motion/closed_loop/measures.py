@@ -10,7 +10,7 @@ from jaxtyping import Complex128, Float, Float64, Int64
 from addressed_dynamics.base.errors import EvaluationError
 from addressed_dynamics.episodes.layout import FRAME_RATE, GAITS, JOINTS, OUTPUT, PARENTS
 from addressed_dynamics.episodes.motion import Motion
-from addressed_dynamics.evaluation.motion.ground import current_gait, ground, ground_of
+from addressed_dynamics.simulators.motion_ground import current_gait, ground, ground_of
 
 FEET = tuple(JOINTS.index(name) for name in ("LeftFoot", "LeftToeBase", "RightFoot", "RightToeBase"))
 """Joints whose contacts are predicted, in the order of `layout.CONTACTS`."""

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Complex128, Float32, Float64
 
 from addressed_dynamics.episodes.layout import FUTURE_OFFSETS, GAITS, INPUT, INPUT_GAITS, OFFSETS, OUTPUT
-from addressed_dynamics.evaluation.motion.ground import JOINT_X, JOINT_Y, JOINT_Z, ground, ground_of
+from addressed_dynamics.simulators.motion_ground import JOINT_X, JOINT_Y, JOINT_Z, ground, ground_of
 
 NOW = -OFFSETS[0]
 """Index of the present in a trajectory, which begins this many frames before it."""
@@ -26,6 +26,8 @@ COMMAND_SHARE, GAIT_SHARE, JOINT_SHARE = 0.9, 0.1, 0.5
 """How far targets, gaits and joint positions move in a frame towards the command or the prediction."""
 STANDING_SPEED = 0.1
 """Below this target speed, in cm/frame, the gait is to stand."""
+SLOWEST = 2.5
+"""Speed at full stick and without running, in cm/frame; running adds up to twice as much."""
 STILL_SPEED = 1e-5
 """Below this target speed, in cm/frame, the character looks along the facing and not where it goes."""
 
@@ -55,7 +57,7 @@ class Commands:
 
 @dataclass(frozen=True)
 class State:
-    """Where each run is. The ground is flat, so that it takes complex numbers (`evaluation.ground`)."""
+    """Where each run is. The ground is flat, so that it takes complex numbers (`simulators.motion_ground`)."""
 
     position: Complex128[np.ndarray, "run 111"]
     """Trajectory of the root in the world, in cm."""
