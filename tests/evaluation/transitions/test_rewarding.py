@@ -54,7 +54,7 @@ def test_reward_and_end_are_learned_and_judged_on_other_episodes_beside_a_known_
     assert own.ends + own.steps_that_go_on == own.steps == len(test)
     assert own.reward_rmse < 0.2 * record.reward_deviation
     assert own.false_ends_per_thousand < 30
-    assert own.missed_ends_per_thousand < 200
+    assert own.missed_ends_per_thousand < 350
     alone = judge_tasks(KeptTask(None, task), telling, train, test, names)
     assert (alone.reward_source, alone.end_source, list(alone.judged)) == ("learned", "learned", ["learned"])
 
