@@ -71,7 +71,7 @@ def _table(record: TaskRecord) -> Table:
 
 def _cells(name: str, judged: JudgedTask) -> tuple[str, ...]:
     return (
-        "learned from the logs" if name == LEARNED else name,
+        "learned from the logs" if name == LEARNED else name.partition(":")[2],
         scientific(judged.reward_rmse),
         scientific(judged.reward_largest_error),
         MISSING if judged.false_ends_per_thousand is None else significant(judged.false_ends_per_thousand, 2),
