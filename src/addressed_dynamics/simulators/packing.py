@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 from addressed_dynamics.base.errors import ModelError
 from addressed_dynamics.base.files import atomic_path, write_json
 from addressed_dynamics.networks.files import read_index
-from addressed_dynamics.simulators import starts
+from addressed_dynamics.simulators import rewards, starts
 from addressed_dynamics.simulators.calibrated import FOLDER, INDEX
 from addressed_dynamics.simulators.delivery import ENSEMBLE, Delivered, Origin, Parts, find_parts, write_delivered
 
@@ -22,7 +22,7 @@ def pack(models: Path, target: Path) -> None:
     """Write a folder of models with the one that is delivered alone, which appears whole or not at all.
 
     It loads as the whole one does. If there is a trust in the model, that is there, too, with the second model that it
-    is held against; and so are the states that a learned environment starts in.
+    is held against; and so are the states that a learned environment starts in, and who says its reward and end.
 
     Args:
         models: an experiment's models.
@@ -51,8 +51,9 @@ def pack(models: Path, target: Path) -> None:
         if trust is not None:
             shutil.copytree(models / FOLDER / trust["folder"], folder / FOLDER / trust["folder"])
         write_json(folder / FOLDER / INDEX, index)
-        if (models / starts.FOLDER).is_dir():
-            shutil.copytree(models / starts.FOLDER, folder / starts.FOLDER)
+        for whole in (starts.FOLDER, rewards.FOLDER):
+            if (models / whole).is_dir():
+                shutil.copytree(models / whole, folder / whole)
 
 
 def packed(models: Path, load: Callable[[Path], Loaded], target: Path) -> Loaded:
