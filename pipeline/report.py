@@ -21,6 +21,7 @@ from pipeline.stage import (
     evaluation_dir,
     figures_dir,
     models_dir,
+    policies_dir,
     reports_dir,
     run_stage,
     tables_dir,
@@ -38,6 +39,7 @@ def main(call: Call) -> str:
     subject = Subject(
         experiment, params, call.params_file.as_posix(), models, figures_dir(experiment), evaluation_dir(experiment),
         code_version(), trained, _when_and_where(), _trained_in(tracking.stage_seconds(experiment, trained.values())),
+        policies_dir(experiment),
     )  # fmt: skip
     written = supplied("reporting", call.kind).write(subject, target)
     write_text(target / "verdict.txt", f"{written.verdict}\n")

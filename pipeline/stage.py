@@ -42,6 +42,11 @@ def models_dir(experiment: str) -> Path:
     return DATA / "models" / experiment
 
 
+def policies_dir(experiment: str) -> Path:
+    """Return the folder of an experiment's policy."""
+    return DATA / "policies" / experiment
+
+
 def figures_dir(experiment: str, stage: str = "") -> Path:
     """Return the folder of what a stage found: figures as JSON, curves as CSV."""
     return DATA / "figures" / experiment / stage

@@ -15,7 +15,16 @@ from stage_dependencies import ROOT
 
 KINDS = {"mountaincar": "transitions", "acrobot": "transitions", "pfnn": "motion"}
 """The experiments of the tiny params, with their kind of data."""
-STAGES = ("record", "convert", "train_ensemble", "train_addressing", "train_baselines", "evaluate", "report")
+STAGES = (
+    "record",
+    "convert",
+    "train_ensemble",
+    "train_addressing",
+    "train_baselines",
+    "evaluate",
+    "train_policy",
+    "report",
+)
 """The stages that each of them goes through."""
 
 

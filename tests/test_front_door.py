@@ -29,8 +29,8 @@ def test_what_it_offers_is_what_its_modules_define() -> None:
     assert AddressedDynamics is addressed.AddressedDynamics
     assert assign_to_bins is clustering.assign_to_bins
     assert set(addressed_dynamics.__all__) == {
-        "AddressedDynamics", "CEM", "MPPI", "Motion", "MotionModel", "StepModule", "TransitionRecorder", "Transitions",
-        "assign_to_bins", "export_model", "read_motion", "read_transitions", "write_log",
+        "AddressedDynamics", "CEM", "MPPI", "Motion", "MotionModel", "Policy", "StepModule", "TransitionRecorder",
+        "Transitions", "assign_to_bins", "export_model", "load_policy", "read_motion", "read_transitions", "write_log",
     }  # fmt: skip
 
 

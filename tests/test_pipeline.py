@@ -178,7 +178,7 @@ def test_the_runs_of_an_experiment_are_nested_below_one_that_has_the_verdict(fin
     below = [run for run in runs if run is not above]
     assert {run.data.tags["mlflow.parentRunId"] for run in below} == {above.info.run_id}
     assert {run.data.tags["stage"] for run in below} == {
-        "train_ensemble", "train_addressing", "train_baselines", "evaluate", "report",
+        "train_ensemble", "train_addressing", "train_baselines", "evaluate", "train_policy", "report",
     }  # fmt: skip
     verdict = (finished / "data" / "reports" / "mountaincar" / "verdict.txt").read_text(encoding="utf-8").strip()
     assert above.data.tags["mlflow.note.content"].startswith(verdict)

@@ -11,7 +11,7 @@ from ruamel.yaml import YAML
 from stage_dependencies import ROOT
 
 LAYERS = ("sources", "features", "evaluation", "reporting")
-STAGES = ("convert", "train_ensemble", "train_addressing", "train_baselines", "evaluate", "report")
+STAGES = ("convert", "train_ensemble", "train_addressing", "train_baselines", "evaluate", "train_policy", "report")
 
 
 @pytest.mark.slow
@@ -34,6 +34,7 @@ def test_a_made_up_kind_of_data_goes_through_all_stages_to_a_report(tmp_path: Pa
         "convert": {"test_share": 0.25},
         "features": {"scale": 20.0},
         "evaluation": {"worst": True},
+        "policy": None,
         **{name: car[name] for name in ("ensemble", "addressing")},
         "baselines": {**car["baselines"], "train": ["total_parameters", "unequal_bins"]},
     }

@@ -8,6 +8,7 @@ if TYPE_CHECKING:
     from addressed_dynamics.logs import write_log
     from addressed_dynamics.planning.cem import CEM
     from addressed_dynamics.planning.mppi import MPPI
+    from addressed_dynamics.policies.policy import Policy, load_policy
     from addressed_dynamics.recording.recorder import TransitionRecorder
     from addressed_dynamics.simulators.addressed import AddressedDynamics
     from addressed_dynamics.simulators.exporting import export_model
@@ -23,11 +24,13 @@ __all__ = [
     "AddressedDynamics",
     "Motion",
     "MotionModel",
+    "Policy",
     "StepModule",
     "TransitionRecorder",
     "Transitions",
     "assign_to_bins",
     "export_model",
+    "load_policy",
     "read_motion",
     "read_transitions",
     "write_log",
@@ -39,11 +42,13 @@ _HOMES = {
     "MPPI": "addressed_dynamics.planning.mppi",
     "Motion": "addressed_dynamics.episodes.motion",
     "MotionModel": "addressed_dynamics.simulators.motion",
+    "Policy": "addressed_dynamics.policies.policy",
     "StepModule": "addressed_dynamics.simulators.portable",
     "TransitionRecorder": "addressed_dynamics.recording.recorder",
     "Transitions": "addressed_dynamics.episodes.transitions",
     "assign_to_bins": "addressed_dynamics.training.clustering",
     "export_model": "addressed_dynamics.simulators.exporting",
+    "load_policy": "addressed_dynamics.policies.policy",
     "read_motion": "addressed_dynamics.sources.motion.source",
     "read_transitions": "addressed_dynamics.sources.transitions.reading",
     "write_log": "addressed_dynamics.logs",

@@ -9,7 +9,7 @@ from gymnasium import spaces
 
 from addressed_dynamics.base.params.recording import DqnBehaviour
 from addressed_dynamics.recording.acting import FrameSkip
-from addressed_dynamics.recording.dqn import _model, _ScaledByBounds, learn
+from addressed_dynamics.recording.dqn import ScaledByBounds, _model, learn
 
 
 class Corridor(gymnasium.Env):
@@ -88,6 +88,6 @@ def test_the_learner_alone_is_given_scaled_rewards() -> None:
 
 def test_observations_are_scaled_by_their_bounds_and_left_alone_without() -> None:
     space = spaces.Box(np.float32([-1.2, -np.inf, 0]), np.float32([0.6, np.inf, np.inf]))
-    scaled = _ScaledByBounds(space)(torch.tensor([[-1.2, 5.0, 3.0], [0.6, -2.0, 0.5], [-0.3, 0.0, 0.0]]))
+    scaled = ScaledByBounds(space)(torch.tensor([[-1.2, 5.0, 3.0], [0.6, -2.0, 0.5], [-0.3, 0.0, 0.0]]))
     expected = [[-1.0, 5.0, 3.0], [1.0, -2.0, 0.5], [0.0, 0.0, 0.0]]
     torch.testing.assert_close(scaled, torch.tensor(expected))

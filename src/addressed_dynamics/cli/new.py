@@ -224,6 +224,7 @@ def _section_lines(name: str, origin: Iterable[str], lengths: Sequence[int], *, 
     else:
         yield from ("ensemble: {}", "addressing: {}", "baselines: {}")
     yield "evaluation: {deliver: best} # on validation data, never worse than nothing changing or least squares"
+    yield "policy:"
 
 
 def _entry(key: str, value: Any, indent: str, notes: Mapping[str, str]) -> Iterator[str]:

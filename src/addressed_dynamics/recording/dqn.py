@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, SupportsFloat
 
@@ -16,7 +16,7 @@ from jaxtyping import Float
 from stable_baselines3 import DQN
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
-from stable_baselines3.common.vec_env import DummyVecEnv
+from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 from torch import Tensor
 
 from addressed_dynamics.base.errors import RecordingError
@@ -55,7 +55,7 @@ def learn(
         raise RecordingError(message)
     steps = transitions // len(environments)
     copies = [FrameSkip(environment, behaviour.frame_skip, steps) for environment in environments]
-    with _generators_given_back(), single_thread():
+    with generators_given_back(), single_thread():
         model = _model(copies, behaviour, seed)
         # There are at most as many decisions as transitions; the counter ends the training.
         model.learn(transitions, callback=_Counter(copies, progress), log_interval=None)
@@ -63,7 +63,7 @@ def learn(
     return _greedy(model)
 
 
-class _ExploringDQN(DQN):  # type: ignore[misc] # stable-baselines3 is not checked
+class ExploringDQN(DQN):  # type: ignore[misc] # stable-baselines3 is not checked
     """DQN whose copies explore each for itself, with random actions that they hold.
 
     The library's DQN draws once for all copies whether to explore, and a new random action at every step.
@@ -80,11 +80,12 @@ class _ExploringDQN(DQN):  # type: ignore[misc] # stable-baselines3 is not check
         episode_start: Any = None,
         deterministic: bool = False,
     ) -> tuple[Any, Any]:
+        """Return the actions of all copies, the greedy ones or those it explores with."""
         actions, state = self.policy.predict(observation, state, episode_start, deterministic=True)
         return (actions if deterministic else self._held_actions.replace(actions, self.exploration_rate)), state
 
 
-class _ScaledByBounds(BaseFeaturesExtractor):  # type: ignore[misc] # stable-baselines3 is not checked
+class ScaledByBounds(BaseFeaturesExtractor):  # type: ignore[misc] # stable-baselines3 is not checked
     """Observations scaled to [-1, 1] by the bounds of their space; a dimension without bounds stays as it is."""
 
     def __init__(self, observation_space: spaces.Box) -> None:
@@ -98,6 +99,7 @@ class _ScaledByBounds(BaseFeaturesExtractor):  # type: ignore[misc] # stable-bas
         self.register_buffer("reach", torch.as_tensor(reach, dtype=torch.float32))
 
     def forward(self, observations: Float[Tensor, "batch observation"]) -> Float[Tensor, "batch observation"]:
+        """Return observations inside their bounds in [-1, 1]."""
         scaled: Float[Tensor, "batch observation"] = (observations - self.centre) / self.reach
         return scaled
 
@@ -119,13 +121,28 @@ class _Counter(BaseCallback):  # type: ignore[misc] # stable-baselines3 is not c
         return sum(copy.steps_left for copy in self._copies)
 
 
-def _model(copies: Sequence[FrameSkip], behaviour: DqnBehaviour, seed: int) -> _ExploringDQN:
-    def scaled(reward: SupportsFloat) -> float:
-        return float(reward) * behaviour.reward_scale
+def _model(copies: Sequence[FrameSkip], behaviour: DqnBehaviour, seed: int) -> ExploringDQN:
+    environments = DummyVecEnv([lambda copy=copy: TransformReward(copy, _scaled(behaviour)) for copy in copies])
+    # The library takes the share of the transitions, but counts decisions.
+    return dqn_of(environments, behaviour, seed, exploration_share=behaviour.exploration_share / behaviour.frame_skip)
 
-    model = _ExploringDQN(
+
+def _scaled(behaviour: DqnBehaviour) -> Callable[[SupportsFloat], float]:
+    return lambda reward: float(reward) * behaviour.reward_scale
+
+
+def dqn_of(environments: VecEnv, behaviour: DqnBehaviour, seed: int, *, exploration_share: float) -> ExploringDQN:
+    """Return a learner that has not yet learned anything.
+
+    Args:
+        environments: where it learns, with decisions for steps and rewards as it is to be given them.
+        behaviour: its settings.
+        seed: seed of everything random in it.
+        exploration_share: share of the steps that it is asked to learn for over which epsilon falls.
+    """
+    model = ExploringDQN(
         "MlpPolicy",
-        DummyVecEnv([lambda copy=copy: TransformReward(copy, scaled) for copy in copies]),
+        environments,
         learning_rate=behaviour.learning_rate,
         buffer_size=behaviour.buffer_size,
         learning_starts=behaviour.learning_starts,
@@ -135,23 +152,24 @@ def _model(copies: Sequence[FrameSkip], behaviour: DqnBehaviour, seed: int) -> _
         train_freq=behaviour.train_every,
         gradient_steps=behaviour.gradient_steps,
         target_update_interval=behaviour.target_update_interval,
-        # The library takes it of the transitions, but counts decisions.
-        exploration_fraction=behaviour.exploration_share / behaviour.frame_skip,
+        exploration_fraction=exploration_share,
         exploration_final_eps=behaviour.exploration_final,
         policy_kwargs={
             "net_arch": list(behaviour.hidden),
-            "features_extractor_class": _ScaledByBounds,
+            "features_extractor_class": ScaledByBounds,
             "optimizer_kwargs": {"fused": True},
         },
         seed=seed,
         device="cpu",
     )
-    generator = np.random.default_rng(seed)
-    model.explore_with(HeldActions(copies[0].action_space, len(copies), behaviour.exploration_hold_steps, generator))
+    held = HeldActions(
+        environments.action_space, environments.num_envs, behaviour.exploration_hold_steps, np.random.default_rng(seed)
+    )
+    model.explore_with(held)
     return model
 
 
-def _greedy(model: _ExploringDQN) -> Policy:
+def _greedy(model: ExploringDQN) -> Policy:
     network = model.policy  # not the model: that would keep the replay buffer alive
 
     def act(observations: Float[np.ndarray, "copy observation"]) -> Any:
@@ -162,7 +180,7 @@ def _greedy(model: _ExploringDQN) -> Policy:
 
 
 @contextmanager
-def _generators_given_back() -> Iterator[None]:
+def generators_given_back() -> Iterator[None]:
     """Leave the global generators as they were: the library seeds Python's, NumPy's and PyTorch's and uses them."""
     python_state, numpy_state = random.getstate(), np.random.get_state()  # noqa: NPY002 - the library's
     torch_state = torch.get_rng_state()

@@ -34,6 +34,7 @@ from addressed_dynamics.base.errors import ModelError
 from addressed_dynamics.simulators.addressed import AddressedDynamics
 from addressed_dynamics.simulators.copies import Copies, Info, all_rows, reset_seeds
 from addressed_dynamics.simulators.given import given_starts
+from addressed_dynamics.simulators.holding import held_step
 from addressed_dynamics.simulators.motion import MotionModel
 from addressed_dynamics.simulators.motion_environment import MotionCopies, MotionWorld, given_facings, is_motion
 from addressed_dynamics.simulators.worlds import World, WorldOptions
@@ -114,7 +115,7 @@ class LearnedEnvironment(gymnasium.Env[State, Any]):
         Raises:
             ModelError: it is outside the space, the episode has ended, or a function of the user's fails.
         """
-        stepped = self._copies.step(np.asarray(action)[None], all_rows(1))
+        stepped = held_step(self._copies, np.asarray(action)[None], all_rows(1), self.world.hold)
         return (
             stepped.observation[0], float(stepped.reward[0]), bool(stepped.terminated[0]), bool(stepped.truncated[0]),
             _of_one(stepped.info),
@@ -164,7 +165,8 @@ class LearnedEnvironments(VectorEnv[States, Any, np.ndarray]):
         self.single_action_space = self.world.action_space
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._copies = copies_of(self.world, num_envs, max_episode_steps)
+        limit = None if max_episode_steps is None else max_episode_steps * self.world.hold
+        self._copies = copies_of(self.world, num_envs, limit)
         self._observation = np.zeros(self.observation_space.shape or (), np.float32)
 
     def reset(
@@ -205,7 +207,8 @@ class LearnedEnvironments(VectorEnv[States, Any, np.ndarray]):
         reward, ends = np.zeros(self.num_envs), np.zeros((2, self.num_envs), bool)
         infos: dict[str, Any] = {}
         if len(rows):
-            observation, reward[rows], ends[0, rows], ends[1, rows], info = self._copies.step(taken[rows], rows)
+            stepped = held_step(self._copies, taken[rows], rows, self.world.hold)
+            observation, reward[rows], ends[0, rows], ends[1, rows], info = stepped
             self._observation[rows] = observation
             done = ends[:, rows].any(axis=0)
             if self.autoreset_mode is AutoresetMode.SAME_STEP and done.any():

@@ -31,6 +31,7 @@ from addressed_dynamics.episodes.transitions import ContinuousAction, Dimension,
 from addressed_dynamics.networks.files import read_index
 from addressed_dynamics.simulators.copies import Stepped
 from addressed_dynamics.simulators.delivery import find_parts
+from addressed_dynamics.simulators.holding import checked_hold
 from addressed_dynamics.simulators.motion import MotionModel
 from addressed_dynamics.simulators.motion_controller import SLOWEST, Commands, Pose, State, inputs, reset
 from addressed_dynamics.simulators.motion_loop import loop_frame, mean_pose
@@ -100,6 +101,8 @@ class MotionWorld:
     """The pose in which episodes begin: the mean of training."""
     task: Told | None
     """Who says reward and end; None for nobody."""
+    hold: int
+    """For how many frames commands are held; so many are one step of the environment."""
     observation_space: Box
     action_space: Box
 
@@ -110,6 +113,7 @@ class MotionWorld:
         candidate: str | None = None,
         mode: Any = None,
         reward: Callable[..., Any] | str | None = None,
+        hold: int = 1,
         **others: Any,
     ) -> MotionWorld:
         """Make one of a model, or of its folder; what the others mean says `WorldOptions`.
@@ -140,17 +144,19 @@ class MotionWorld:
         action = space_of_actions(SPACES, None)
         assert isinstance(action, Box)
         task = None if reward is None or reward == NOBODY else told(reward, "reward")
-        return MotionWorld(used, mean_pose(used.features), task, observation_box(SPACES), action)
+        return MotionWorld(
+            used, mean_pose(used.features), task, checked_hold(hold), observation_box(SPACES), action
+        )
 
     def described(self) -> dict[str, Any]:
         """Return metadata of an environment: names, units and the length of a step, as `addressed_dynamics.envs`."""
         return {
             "render_modes": [],
-            "render_fps": float(FRAME_RATE),
+            "render_fps": FRAME_RATE / self.hold,
             "addressed_dynamics": {
                 "observation": tuple((each.name, each.unit) for each in SPACES.observation),
                 "action": tuple((each.name, each.unit) for each in COMMANDS.dimensions),
-                "step_seconds": SPACES.step_seconds,
+                "step_seconds": SPACES.step_seconds * self.hold,
             },
         }
 

@@ -15,6 +15,7 @@ from jaxtyping import Int64
 from addressed_dynamics.base.errors import ModelError
 from addressed_dynamics.episodes.transitions import DiscreteAction
 from addressed_dynamics.simulators.addressed import AddressedDynamics
+from addressed_dynamics.simulators.holding import checked_hold
 from addressed_dynamics.simulators.modes import Mode
 from addressed_dynamics.simulators.rewards import LEARNED, NOBODY, LearnedTask, read_task
 from addressed_dynamics.simulators.spaces import observation_box, space_of_actions
@@ -50,6 +51,8 @@ class WorldOptions(TypedDict, total=False):
     """Whether to say the trust in every step; None: if it was calibrated."""
     least_trust: float | None
     """Trust below which an episode is truncated; None for no such end."""
+    hold: int
+    """For how many steps of the model an action is held; so many are one step of the environment."""
     exact: bool
     """Whether the networks compute in double precision, rounded once a step, so that a copy's states do not depend on
     how many others there are. In single precision, the default and twice as fast, they do in the last digit."""
@@ -73,6 +76,7 @@ class World:
     """Who says the exogenous inputs; None if they are replayed, or if there are none."""
     trust: Trust | None
     least_trust: float | None
+    hold: int
     observation_space: Box
     action_space: Box | Discrete
 
@@ -88,6 +92,7 @@ class World:
         exogenous: Callable[..., Any] | str | None = None,
         trust: bool | None = None,
         least_trust: float | None = None,
+        hold: int = 1,
         exact: bool = False,
     ) -> World:
         """Make one of a model, or of its folder; what the others mean says `WorldOptions`.
@@ -124,6 +129,7 @@ class World:
             exogenous=None if exogenous is None else told(exogenous, "exogenous"),
             trust=_trust(used, wanted=trust, least=least_trust),
             least_trust=least_trust,
+            hold=checked_hold(hold),
             observation_space=observation_box(used.features.spaces),
             action_space=space_of_actions(used.features.spaces, found),
         )
@@ -139,7 +145,7 @@ class World:
         action = spaces.action
         return {
             "render_modes": [],
-            "render_fps": 1.0 / spaces.step_seconds,
+            "render_fps": 1.0 / (spaces.step_seconds * self.hold),
             "addressed_dynamics": {
                 "observation": tuple((each.name, each.unit) for each in spaces.observation),
                 "action": (
@@ -147,7 +153,7 @@ class World:
                     if isinstance(action, DiscreteAction)
                     else tuple((each.name, each.unit) for each in action.dimensions)
                 ),
-                "step_seconds": spaces.step_seconds,
+                "step_seconds": spaces.step_seconds * self.hold,
             },
         }
 

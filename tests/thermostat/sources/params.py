@@ -39,6 +39,7 @@ class ThermostatParams(Section):
     addressing: AddressingParams
     baselines: BaselinesParams
     evaluation: EvaluationParams
+    policy: None = None
 
 
 FORM = ThermostatParams

@@ -153,7 +153,7 @@ def judge_trust(
     if NOTHING in errors:
         record["break_even_steps"] = break_even_steps(errors["model"], errors[NOTHING])
         record["compared_steps"] = len(errors["model"])
-    plane = _plane(test.points)
+    plane = test.points.features.plane(test.points.observation)
     if plane is None:
         return record, {}
     return record, {"trust_map": trust_map(plane, test.trust, CELLS), "trust_map_edges": map_edges(plane, CELLS)}
@@ -185,14 +185,6 @@ def half_widths(
     found = trust.half(followed.scale, ASKED[-1]).double().numpy()
     half[:, : found.shape[1]] = found
     return half
-
-
-def _plane(points: Points) -> Float64[np.ndarray, "point 2"] | None:
-    """Return the first two angles, and without them the first two dimensions; None if there is only one."""
-    features, states = points.features, torch.from_numpy(points.observation).double()
-    if len(features.angles) > 1:
-        states = torch.stack([features.angle(angle, states) for angle in features.angles[:2]], dim=1)
-    return states[:, :2].numpy() if states.shape[1] > 1 else None
 
 
 def _is_other(origin: Origin, own: Origin) -> bool:

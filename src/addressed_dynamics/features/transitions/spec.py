@@ -316,6 +316,13 @@ class FeatureSpec:
         names = self.spaces.observation_names
         return torch.atan2(observation[..., names.index(angle.sine)], observation[..., names.index(angle.cosine)])
 
+    def plane(self, observation: Float[np.ndarray, "sample observation"]) -> Float64[np.ndarray, "sample 2"] | None:
+        """Return what a map of states shows: the first two angles, else the first two dimensions, if there are two."""
+        states = torch.from_numpy(observation).double()
+        if len(self.angles) > 1:
+            states = torch.stack([self.angle(angle, states) for angle in self.angles[:2]], dim=1)
+        return states[:, :2].numpy() if states.shape[1] > 1 else None
+
     @property
     def persistence(self) -> tuple[Float[Tensor, "input output"], Float[Tensor, " output"]]:
         """Weights and biases of the linear map by which the next state is the state."""

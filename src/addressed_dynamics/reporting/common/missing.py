@@ -22,7 +22,9 @@ def missing_words(what: str, stage: str, experiment: str) -> str:
 
 
 def remedy_of(path: Path) -> str:
-    """Return the command that makes a file in `figures/NAME/STAGE` or in `evaluation/NAME`."""
+    """Return the command that makes a file in `figures/NAME/STAGE`, `policies/NAME` or `evaluation/NAME`."""
+    if path.parent.parent.name == "policies":
+        return remedy("train_policy", path.parent.name)
     if path.parent.name in STAGES:
         return remedy(STAGES[path.parent.name], path.parent.parent.name)
     return remedy("evaluate", path.parent.name)

@@ -32,6 +32,8 @@ class Subject:
     """When the report is drawn, and on which machine; empty if nobody says."""
     trained: str = ""
     """How long the trainings took; empty if it is not known."""
+    policies: Path | None = None
+    """Folder of its policy; None if nobody says."""
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,7 @@ from addressed_dynamics.reporting.transitions.one_step import one_step_beside
 from addressed_dynamics.reporting.transitions.overview import overview_table
 from addressed_dynamics.reporting.transitions.paired import paired_table
 from addressed_dynamics.reporting.transitions.paper import PaperFigures
+from addressed_dynamics.reporting.transitions.policy import TITLE, policy_blocks
 from addressed_dynamics.reporting.transitions.quality import quality_blocks, repeated_words, warning_paragraphs
 from addressed_dynamics.reporting.transitions.recipes import recipes_table
 from addressed_dynamics.reporting.transitions.recorded import BlocksResult
@@ -56,6 +57,7 @@ def account(results: TransitionResults, origin: Origin[FeatureSpec], paper: Pape
         Section("Trust", trust_blocks(evaluation.trust, results.arrays, features)),
         Section("Reward and end", reward_blocks(evaluation.reward)),
         Section("Candidates", (every,) if every else ()),
+        Section(TITLE, policy_blocks(results.policy, features), folded=True),
     )
     both = recipes_table(evaluation, _recipe(origin))
     method = (

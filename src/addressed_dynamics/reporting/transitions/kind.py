@@ -18,7 +18,7 @@ def write(subject: Subject, target: Path) -> Written:
     """Write the report on `subject` into the folder `target`."""
     if not (subject.evaluation / "evaluation.json").is_file():
         return write_unfinished(subject, target)
-    results = load_results(subject.figures, subject.evaluation)
+    results = load_results(subject.figures, subject.evaluation, subject.policies)
     delivered = results.evaluation.delivered
     trained = load_trained(subject, FeatureSpec, seed=delivered.seed, variant=delivered.variant)
     features = trained.ensemble.features

@@ -15,6 +15,7 @@ from addressed_dynamics.evaluation.transitions.records import Evaluation
 from addressed_dynamics.reporting.common.missing import remedy_of
 from addressed_dynamics.reporting.common.reading import Columns, columns_of, read_csv_if_there, read_rows
 from addressed_dynamics.reporting.common.results import Results, read_results
+from addressed_dynamics.reporting.transitions.policy_results import PolicyResult, read_policy
 from addressed_dynamics.reporting.transitions.recorded import DataResult
 
 
@@ -68,14 +69,17 @@ class TransitionResults(Results[DataResult, Evaluation, Arrays]):
     """learner.csv by segment: every finished episode with its `return`."""
     horizon: Mapping[str, Mapping[str, Columns]]
     """horizon.csv by group of rollouts, then by model."""
+    policy: PolicyResult | None = None
+    """What is known of the policy that was learned in the model; None if there is none."""
 
 
-def load_results(figures: Path, evaluation: Path) -> TransitionResults:
+def load_results(figures: Path, evaluation: Path, policies: Path | None = None) -> TransitionResults:
     """Read what the stages before the report wrote.
 
     Args:
         figures: folder of what the stages before the evaluation found, one folder a stage.
         evaluation: folder of what the evaluation found.
+        policies: folder of the policy; None, or one that is not there, for none.
 
     Raises:
         ReportError: a file is missing or malformed.
@@ -84,6 +88,7 @@ def load_results(figures: Path, evaluation: Path) -> TransitionResults:
         **read_results(figures, evaluation, DataResult, Evaluation, _arrays),
         learner=read_csv_if_there(figures / "convert" / "learner.csv", by="segment", needed=("return",)),
         horizon=_read_horizon(evaluation / "horizon.csv"),
+        policy=None if policies is None else read_policy(policies),
     )
     found = results.evaluation
     delivered = results.addressing.delivered | {str(found.delivered.seed): found.delivered.variant}

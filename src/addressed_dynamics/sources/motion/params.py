@@ -224,6 +224,8 @@ class MotionExperimentParams(Section):
     addressing: MotionAddressingParams = MotionAddressingParams()
     baselines: MotionBaselinesParams = MotionBaselinesParams()
     evaluation: MotionEvaluationParams = MotionEvaluationParams()
+    policy: None = None
+    """Null: no policy is learned in models of motion."""
 
 
 FORM = MotionExperimentParams

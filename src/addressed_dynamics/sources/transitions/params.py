@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from addressed_dynamics.base.params.recording import EnvironmentParams, RecordParams, Unlearned
+from addressed_dynamics.base.params.recording import DqnBehaviour, EnvironmentParams, RecordParams, Unlearned
 from addressed_dynamics.base.params.sections import Count, CountOrAuto, Positive, Section, Seed, Share, by_name
 from addressed_dynamics.base.params.source import SourceParams
 from addressed_dynamics.base.params.training import AddressingParams, BaselinesParams, EnsembleSection, RecipeChanges
@@ -165,6 +165,53 @@ class EvaluationParams(Section):
     `addressed` ensemble, which is the default where there is a `paper`."""
 
 
+class PolicyParams(Section):
+    """A policy that is learned inside the delivered model, and scored there and in truth."""
+
+    reward: str | None = None
+    """Who says reward and end of a step: a function, as `module:function`; null: the model itself, if it was taught."""
+    environment: EnvironmentParams | None = None
+    """The true environment, in which the policy is scored once it is chosen; null: there is none at hand."""
+    candidate: str | None = None
+    """Which model to learn in, by its name in the report; null: the one that is delivered."""
+    begin: Literal["beginnings", "anywhere"] = "beginnings"
+    """Where episodes start: where recorded training episodes began, or anywhere in them."""
+    episode_steps: Count = 200
+    """Steps after which an episode is cut off, in the model and in truth."""
+    copies: Count = 64
+    """Copies of the model that the learner acts in side by side."""
+    decisions: Count = 25_600
+    """Decisions that it makes, over all copies; each lasts for `learner.frame_skip` steps."""
+    checks: Count = 8
+    """How often its policy is scored meanwhile, in the model alone; the best is kept."""
+    check_episodes: Count = 24
+    """Episodes of such a score."""
+    episodes: Count = 100
+    """Episodes of the scores that are reported."""
+    least_ended: Share | None = None
+    """Share of the true episodes that should end inside the task, for the report; null: nothing is asked for."""
+    seed: Seed = 0
+    learner: DqnBehaviour = DqnBehaviour(kind="dqn")
+
+    @model_validator(mode="after")
+    def _decides_as_often_as_it_steps(self) -> PolicyParams:
+        if self.episode_steps % self.learner.frame_skip:
+            message = (
+                f"episode_steps is {self.episode_steps}, no multiple of learner.frame_skip, {self.learner.frame_skip}"
+            )
+            raise ValueError(message)
+        if self.decisions < self.copies * self.checks:
+            message = (
+                f"decisions is {self.decisions}, but {self.copies} copies make {self.copies * self.checks} at least "
+                f"between {self.checks} checks; raise it"
+            )
+            raise ValueError(message)
+        if self.least_ended is not None and self.environment is None:
+            message = "least_ended asks for something of true episodes, but there is no environment; leave it out"
+            raise ValueError(message)
+        return self
+
+
 class TransitionsRecipe(RecipeChanges):
     """In what the paper's recipe differs, also of angles (Section 3.3)."""
 
@@ -194,6 +241,8 @@ class ExperimentParams(Section):
     addressing: AddressingParams = AddressingParams()
     baselines: BaselinesParams = BaselinesParams()
     evaluation: EvaluationParams = EvaluationParams()
+    policy: PolicyParams | None = None
+    """A policy to learn inside the delivered model; null: none."""
 
     @model_validator(mode="before")
     @classmethod
