@@ -6,9 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from builders import CAR
 from trusted_models import write_mountaincar
 
 from addressed_dynamics.evaluation.transitions.starting import starts_of
+from addressed_dynamics.policies.policy import Policy, save_policy
 from addressed_dynamics.simulators.starts import write_starts
 
 USING = Path(__file__).parents[1] / "docs" / "simulator.md"
@@ -40,3 +42,17 @@ def test_the_environments_of_the_documentation_run(models: Path) -> None:
     assert (names["reward"], names["terminated"]) == (-1.0, False)
     exec(together.replace("200_000", "1"), names)
     assert names["agent"].num_timesteps == 64 * 32
+
+
+def test_the_policy_of_the_documentation_drives_the_true_car(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    folder = tmp_path / "data" / "policies" / "mountaincar"
+    folder.mkdir(parents=True)
+    # It pushes in the direction of motion, and so swings up.
+    layers = ((np.float32([[0.0, -1.0], [0.0, 0.0], [0.0, 1.0]]), np.float32([0.0, -1.0, 0.0])),)
+    save_policy(folder, Policy(CAR, 2, np.zeros(2, np.float32), np.float32([1.0, 0.07]), layers))
+    (program,) = programs("A policy that was learned in it")
+    names: dict[str, Any] = {}
+    exec(program, names)
+    assert names["terminated"]
+    assert names["state"][0] >= 0.5

@@ -43,7 +43,6 @@ from addressed_dynamics.policies.records import (
 from addressed_dynamics.recording.acting import FrameSkip, Progress
 from addressed_dynamics.recording.environments import make_environment
 from addressed_dynamics.recording.spaces import space_spec
-from addressed_dynamics.simulators.addressed import AddressedDynamics
 from addressed_dynamics.simulators.environment import LearnedEnvironments
 from addressed_dynamics.simulators.worlds import World
 from addressed_dynamics.sources.transitions.params import PolicyParams
@@ -85,10 +84,11 @@ def train_policy(models: Path, train: Callable[[], Transitions], params: PolicyP
         ModelError: there is no such model, or it has no starts.
         RecordingError: the true environment cannot be made.
     """
-    model = AddressedDynamics.load(models, candidate=params.candidate)
-    options: dict[str, Any] = {"model": model, "starts": models, "reward": params.reward, "trust": False}
+    options: dict[str, Any] = {
+        "model": models, "candidate": params.candidate, "reward": params.reward, "trust": False,
+    }  # fmt: skip
     world = World.of(**options)
-    spaces = model.features.spaces
+    spaces = world.model.features.spaces
     _check(world, params, spaces)
     seconds: dict[str, float] = {}
     with single_thread():

@@ -56,7 +56,7 @@ def test_it_says_the_return_in_truth_the_gap_and_where_trust_ends(features: Feat
     blocks = policy_blocks(result(WITH_TRUTH), features)
     said = words(blocks)
     assert "-110 (-113 to -107)" in said
-    assert "the gap is -10.0 (-14.0 to -6.00), more than the episodes allow for" in said
+    assert "the gap is -10.0 (-14.0 to -6.00), 9.1\u202f% of the return, more than chance explains" in said
     assert "2.1\u202f% have a trust below 0.05" in said
     assert "it stays where the model knows its way" in said
     everything, target = tables(blocks)

@@ -48,11 +48,13 @@ def _sentences(figures: PolicyFigures) -> list[str]:
         return [chosen, "There is no true environment at hand: the returns are the model's word, and not held against "
                 "anything."]  # fmt: skip
     gap = figures.gap
-    same = "no more than the episodes allow for" if gap.low <= 0 <= gap.high else "more than the episodes allow for"
+    size = percent(abs(gap.value) / abs(figures.truth.returns.value)) if figures.truth.returns.value else MISSING
+    chance = "no more than" if gap.low <= 0 <= gap.high else "more than"
     words = [
         chosen,
         f"In the true environment it earns {_estimate(figures.truth.returns)}, and in the model from the same first "
-        f"states {_estimate(figures.beside.returns)}: the gap is {_estimate(gap)}, {same}.",
+        f"states {_estimate(figures.beside.returns)}: the gap is {_estimate(gap)}, {size} of the return, {chance} "
+        "chance explains.",
     ]
     if figures.trust is None:
         words.append("Where it leaves what the model knows is not known: the trust of this model was not calibrated.")
