@@ -4,9 +4,11 @@ import re
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import numpy as np
 import pytest
 from builders import CAR
+from driven import motion_model
 from trusted_models import write_mountaincar
 
 from addressed_dynamics.evaluation.transitions.starting import starts_of
@@ -32,7 +34,7 @@ def models(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_the_environments_of_the_documentation_run(models: Path) -> None:
-    alone, together = programs("A model as an environment")
+    alone, together, _ = programs("A model as an environment")
     assert together.count("200_000") == 1
     assert models.is_dir()
     names: dict[str, Any] = {}
@@ -42,6 +44,14 @@ def test_the_environments_of_the_documentation_run(models: Path) -> None:
     assert (names["reward"], names["terminated"]) == (-1.0, False)
     exec(together.replace("200_000", "1"), names)
     assert names["agent"].num_timesteps == 64 * 32
+
+
+def test_the_environment_of_motion_of_the_documentation_walks() -> None:
+    *_, walking = programs("A model as an environment")
+    names: dict[str, Any] = {"gymnasium": gymnasium, "model": motion_model(), "my_reward": None}
+    exec(walking.replace('"data/models/pfnn"', "model"), names)
+    assert not names["terminated"]
+    assert names["info"]["stopped_by"] in ("", "flown_off")
 
 
 def test_the_policy_of_the_documentation_drives_the_true_car(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

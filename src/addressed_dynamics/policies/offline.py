@@ -19,6 +19,7 @@ from addressed_dynamics.policies.learning import greedy_policy
 from addressed_dynamics.policies.policy import Policy
 from addressed_dynamics.recording.acting import Progress
 from addressed_dynamics.recording.dqn import dqn_of, generators_given_back
+from addressed_dynamics.simulators.rewards import LearnedTask
 from addressed_dynamics.simulators.tasks import Told, reward_and_end
 from addressed_dynamics.simulators.worlds import World
 
@@ -39,7 +40,7 @@ class Decisions:
     """Whether the next decision does not go on from it, though the task has not ended."""
 
 
-def decisions_of(train: Transitions, task: Told, hold: int) -> Decisions:
+def decisions_of(train: Transitions, task: Told | LearnedTask, hold: int) -> Decisions:
     """Return the decisions in recorded transitions: rows in a row under the same action, or to the end of the task.
 
     Rows that are in none, because the action changes sooner or the episode ends, are left out.
@@ -49,7 +50,7 @@ def decisions_of(train: Transitions, task: Told, hold: int) -> Decisions:
         task: says rewards and ends, which a recording may have of another task.
         hold: rows in a decision.
     """
-    reward, ends = reward_and_end(task, train.observation, train.action, train.next_observation)
+    reward, ends = reward_and_end(task, train.observation, train.action, train.next_observation, train.exogenous)
     first, last = [], []
     for rows in train.episode_slices():
         action, end = train.action[rows], ends[rows]

@@ -44,6 +44,7 @@ from addressed_dynamics.recording.acting import FrameSkip, Progress
 from addressed_dynamics.recording.environments import make_environment
 from addressed_dynamics.recording.spaces import space_spec
 from addressed_dynamics.simulators.environment import LearnedEnvironments
+from addressed_dynamics.simulators.tasks import sources
 from addressed_dynamics.simulators.worlds import World
 from addressed_dynamics.sources.transitions.params import PolicyParams
 
@@ -111,7 +112,7 @@ def train_policy(models: Path, train: Callable[[], Transitions], params: PolicyP
                 progress=progress,
             )  # fmt: skip
         common: dict[str, Any] = {
-            "reward": world.task.name if world.task else "",
+            "reward": sources(world.task)[0],
             "candidate": params.candidate,
             "environment": params.environment.id if params.environment else None,
             "hold": policy.hold,
@@ -241,8 +242,9 @@ def _check(world: World, params: PolicyParams, spaces: SpaceSpec) -> None:
         raise TrainingError(message)
     if world.task is None:
         message = (
-            "policy.reward: nobody says the reward and the end of a step; name a function of state, action and next "
-            "state as 'module:function', for instance addressed_dynamics.envs:mountain_car_reward"
+            "policy: nobody says the reward and the end of a step, and no log has them; name in evaluation.reward a "
+            "function of state, action and next state as 'module:function', for instance "
+            "addressed_dynamics.envs:mountain_car_reward"
         )
         raise TrainingError(message)
     if params.environment is None:

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Int64
 
-from addressed_dynamics.base.errors import ModelError
 from addressed_dynamics.simulators.copies import Stepped
 
 if TYPE_CHECKING:
@@ -15,21 +14,7 @@ if TYPE_CHECKING:
     from addressed_dynamics.simulators.motion_environment import MotionCopies
 
 
-def checked_hold(hold: int) -> int:
-    """Return for how many steps an action is held, if it is for one at least.
-
-    Raises:
-        ModelError: it is not.
-    """
-    if hold < 1:
-        message = f"hold should be at least 1, but is {hold}"
-        raise ModelError(message)
-    return hold
-
-
-def held_step(
-    copies: Copies | MotionCopies, actions: Any, rows: Int64[np.ndarray, " chosen"], steps: int
-) -> Stepped:
+def held_step(copies: Copies | MotionCopies, actions: Any, rows: Int64[np.ndarray, " chosen"], steps: int) -> Stepped:
     """Step some of the copies, each so often under the same action, or until its episode ends.
 
     Args:

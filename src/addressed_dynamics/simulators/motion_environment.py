@@ -31,13 +31,12 @@ from addressed_dynamics.episodes.transitions import ContinuousAction, Dimension,
 from addressed_dynamics.networks.files import read_index
 from addressed_dynamics.simulators.copies import Stepped
 from addressed_dynamics.simulators.delivery import find_parts
-from addressed_dynamics.simulators.holding import checked_hold
 from addressed_dynamics.simulators.motion import MotionModel
 from addressed_dynamics.simulators.motion_controller import SLOWEST, Commands, Pose, State, inputs, reset
 from addressed_dynamics.simulators.motion_loop import loop_frame, mean_pose
 from addressed_dynamics.simulators.motion_predictor import MotionPredictor
 from addressed_dynamics.simulators.rewards import LEARNED, NOBODY
-from addressed_dynamics.simulators.spaces import checked_actions, observation_box, space_of_actions
+from addressed_dynamics.simulators.spaces import checked_actions, checked_hold, observation_box, space_of_actions
 from addressed_dynamics.simulators.tasks import Told, reward_and_end, sources, told
 
 FASTEST = 3.0 * SLOWEST
@@ -144,9 +143,7 @@ class MotionWorld:
         action = space_of_actions(SPACES, None)
         assert isinstance(action, Box)
         task = None if reward is None or reward == NOBODY else told(reward, "reward")
-        return MotionWorld(
-            used, mean_pose(used.features), task, checked_hold(hold), observation_box(SPACES), action
-        )
+        return MotionWorld(used, mean_pose(used.features), task, checked_hold(hold), observation_box(SPACES), action)
 
     def described(self) -> dict[str, Any]:
         """Return metadata of an environment: names, units and the length of a step, as `addressed_dynamics.envs`."""

@@ -80,3 +80,15 @@ def check_bounds(
 def _box(dimensions: tuple[Dimension, ...]) -> Box:
     low, high = np.array([(each.low, each.high) for each in dimensions], np.float32).reshape(-1, 2).T
     return Box(low, high, dtype=np.float32)
+
+
+def checked_hold(hold: int) -> int:
+    """Return for how many steps an action is held, if it is for one at least.
+
+    Raises:
+        ModelError: it is not.
+    """
+    if hold < 1:
+        message = f"hold should be at least 1, but is {hold}"
+        raise ModelError(message)
+    return hold

@@ -15,10 +15,9 @@ from jaxtyping import Int64
 from addressed_dynamics.base.errors import ModelError
 from addressed_dynamics.episodes.transitions import DiscreteAction
 from addressed_dynamics.simulators.addressed import AddressedDynamics
-from addressed_dynamics.simulators.holding import checked_hold
 from addressed_dynamics.simulators.modes import Mode
 from addressed_dynamics.simulators.rewards import LEARNED, NOBODY, LearnedTask, read_task
-from addressed_dynamics.simulators.spaces import observation_box, space_of_actions
+from addressed_dynamics.simulators.spaces import checked_hold, observation_box, space_of_actions
 from addressed_dynamics.simulators.starts import Starts, read_starts
 from addressed_dynamics.simulators.tasks import Told, told
 from addressed_dynamics.simulators.trust import Trust

@@ -169,7 +169,8 @@ class PolicyParams(Section):
     """A policy that is learned inside the delivered model, and scored there and in truth."""
 
     reward: str | None = None
-    """Who says reward and end of a step: a function, as `module:function`; null: the model itself, if it was taught."""
+    """Who says reward and end of a step: a function, as `module:function`; null: who says them in the
+    model's environment, a function or what was learned from the logs."""
     environment: EnvironmentParams | None = None
     """The true environment, in which the policy is scored once it is chosen; null: there is none at hand."""
     candidate: str | None = None
