@@ -1,8 +1,8 @@
 """n fully connected networks of the same shape as one stack of tensors: one batched matrix product per layer."""
 
 import math
-from collections.abc import Callable, Sequence
-from itertools import islice, pairwise
+from collections.abc import Callable, Iterable, Sequence
+from itertools import pairwise
 from typing import Literal
 
 import torch
@@ -10,9 +10,10 @@ from jaxtyping import Float, Int64
 from torch import Tensor, nn
 
 from addressed_dynamics.base.errors import ModelError
+from addressed_dynamics.networks.layers import Activate, Layer, Layers
 
 Activation = Literal["relu", "tanh", "elu"]
-ACTIVATIONS: dict[str, Callable[[Tensor], Tensor]] = {
+ACTIVATIONS: dict[str, Activate] = {
     "relu": torch.relu,
     "tanh": torch.tanh,
     "elu": nn.functional.elu,
@@ -126,13 +127,7 @@ class StackedMLP(nn.Module):
         if x.shape[-1] != self.widths[0]:
             message = f"the network takes {self.widths[0]} inputs, but was given {x.shape[-1]}"
             raise ModelError(message)
-        activate = ACTIVATIONS[self.activation]
-        hidden = self._forward_shared(x)
-        hidden = hidden if hidden.ndim == 3 else hidden.expand(self.members, -1, -1)
-        *inner, last = self._own_layers()
-        for weight, bias in inner:
-            hidden = activate(torch.baddbmm(bias, hidden, weight))
-        return self._with_linear(torch.baddbmm(last[1], hidden, last[0]), x)
+        return self.layers.forward_all(x)
 
     forward = forward_all
 
@@ -140,61 +135,33 @@ class StackedMLP(nn.Module):
         self, x: Float[Tensor, "sample input"], member: Int64[Tensor, " sample"]
     ) -> Float[Tensor, "sample output"]:
         """Return each sample's output from its own member; only that member is evaluated for it."""
-        hidden = self._forward_shared(x)
+        layers = self.layers
+        hidden = layers.after_shared(x)
         output = x.new_empty(len(x), self.widths[-1])
         for index in range(self.members):
             rows = torch.nonzero(member == index).squeeze(1)
             if len(rows):
-                output[rows] = self._forward_member(hidden[rows], index)
-                for weight in self.linear:
-                    output[rows] += x[rows] @ weight[index]
+                output[rows] = layers.of_member(index).forward(hidden[rows], x[rows])
         return output
 
     def forward_blended(
         self, x: Float[Tensor, "sample input"], coefficients: Float[Tensor, "sample member"]
     ) -> Float[Tensor, "sample output"]:
-        """Return each sample's output from a network of its own whose weights are mixed with `coefficients`.
+        """Return the same as `Layers.forward_blended`: each sample's output from a network of mixed weights."""
+        return self.layers.forward_blended(x, coefficients)
 
-        Mixing weights before a layer is mixing the layer's linear outputs, so no network is built per sample. A layer
-        that all members share is what it is, whatever the coefficients, which should add up to 1.
-        """
-        activate = ACTIVATIONS[self.activation]
-        mix = coefficients.T.unsqueeze(-1)
-        hidden = self._forward_shared(x)
-        *inner, last = self._own_layers()
-        for weight, bias in inner:
-            hidden = activate((mix * torch.baddbmm(bias, hidden.expand(self.members, -1, -1), weight)).sum(dim=0))
-        outputs = torch.baddbmm(last[1], hidden.expand(self.members, -1, -1), last[0])
-        return (mix * self._with_linear(outputs, x)).sum(dim=0)
+    @property
+    def layers(self) -> Layers:
+        """The layers, as they are evaluated: views of the parameters."""
+        return self.layers_of(self.weights, self.biases, self.linear, ACTIVATIONS[self.activation])
 
-    def _with_linear(
-        self, output: Float[Tensor, "member sample output"], x: Float[Tensor, "*member sample input"]
-    ) -> Float[Tensor, "member sample output"]:
-        """Return the outputs of the layers with those of the linear parts, if there are any."""
-        for weight in self.linear:
-            output = torch.baddbmm(output, x.expand(self.members, *x.shape[-2:]), weight)
-        return output
-
-    def _own_layers(self) -> list[tuple[Tensor, Tensor]]:
-        """Return weight and bias of the layers that every member has for itself."""
-        return list(zip(self.weights, self.biases, strict=True))[self.shared :]
-
-    def _forward_shared(self, x: Float[Tensor, "*member sample input"]) -> Float[Tensor, "*member sample hidden"]:
-        """Return what the shared layers make of `x`: the inputs of the others."""
-        activate = ACTIVATIONS[self.activation]
-        hidden = x
-        for weight, bias in islice(zip(self.weights, self.biases, strict=True), self.shared):
-            hidden = activate(nn.functional.linear(hidden, weight[0].T, bias[0, 0]))
-        return hidden
-
-    def _forward_member(self, hidden: Float[Tensor, "sample hidden"], index: int) -> Float[Tensor, "sample output"]:
-        """Return what the layers of one member make of the outputs of the shared ones."""
-        activate = ACTIVATIONS[self.activation]
-        for layer, (weight, bias) in enumerate(self._own_layers()):
-            if layer:
-                hidden = activate(hidden)
-            hidden = torch.addmm(bias[index], hidden, weight[index])
-        return hidden
+    def layers_of(
+        self, weights: Iterable[Tensor], biases: Iterable[Tensor], linear: Iterable[Tensor], activate: Activate
+    ) -> Layers:
+        """Return tensors in the place of the parameters as layers."""
+        own = [Layer(*each) for each in zip(weights, biases, strict=True)]
+        shared = [Layer(weight[0], bias[0, 0]) for weight, bias in own[: self.shared]]
+        return Layers(shared, own[self.shared :], next(iter(linear), None), activate)
 
 
 def in_chunks(function: Callable[[Tensor], Tensor], x: Float[Tensor, "sample input"], *, sample_dim: int) -> Tensor:
