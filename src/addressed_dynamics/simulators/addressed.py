@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal, cast, overload
+from typing import Literal, NamedTuple, cast, overload
 
 import numpy as np
 import torch
-from jaxtyping import Float, Float32
+from jaxtyping import Float
 from torch import Tensor
 
 from addressed_dynamics.base.errors import ModelError
@@ -190,7 +190,7 @@ class AddressedDynamics:
                 exogenous inputs are missing or not asked for.
         """
         given, single = self._batch(observation, action, exogenous)
-        predicted = self._next(*given, None, self._mode(mode), generator)
+        predicted = self._next(_Step(*given), self._mode(mode), generator)
         return answer(predicted, observation, single=single)
 
     @overload
@@ -282,7 +282,7 @@ class AddressedDynamics:
         states = torch.empty(len(state), steps.shape[1] - history + 1, len(self.features.spaces.observation))
         for t in range(states.shape[1]):
             rows = t if history == 1 else slice(t, t + history)
-            states[:, t] = self._next(state, steps[:, rows], replayed[:, rows], None, mode, generator)
+            states[:, t] = self._next(_Step(state, steps[:, rows], replayed[:, rows]), mode, generator)
             state = states[:, t] if history == 1 else torch.cat([state[:, 1:], states[:, t : t + 1]], dim=1)
         return answer(states, observation, single=single)
 
@@ -658,7 +658,8 @@ class AddressedDynamics:
         Raises:
             ModelError: a shape is wrong.
         """
-        return self._next(observation, action, exogenous, x, self.mode if mode is None else mode, generator)
+        given = _Step(observation, action, exogenous, x)
+        return self._next(given, self.mode if mode is None else mode, generator)
 
     @torch.no_grad()
     def step_and_probabilities(
@@ -676,56 +677,35 @@ class AddressedDynamics:
         Raises:
             ModelError: a shape is wrong.
         """
-        return self._stepped(observation, action, exogenous, x, self.mode if mode is None else mode, generator)
+        given = _Step(observation, action, exogenous, x)
+        return self._next_and_probabilities(given, self.mode if mode is None else mode, generator)
 
-    def _stepped(
-        self,
-        observation: Tensor,
-        action: Tensor,
-        exogenous: Tensor | None,
-        x: Float[Tensor, "sample input"] | None,
-        mode: Mode,
-        generator: torch.Generator | None,
-    ) -> tuple[Float[Tensor, "sample observation"], Float[Tensor, "sample member"]]:
-        inputs = self.features.encode(observation, action, exogenous) if x is None else x
-        ensemble, addressing = self._networks()
-        probabilities = _probabilities(addressing, inputs)
-        output = _combined(ensemble, inputs, probabilities, mode, generator)
-        return self._decoded(output, observation), probabilities
-
-    def _next(
-        self,
-        observation: Tensor,
-        action: Tensor,
-        exogenous: Tensor | None,
-        x: Float[Tensor, "sample input"] | None,
-        mode: Mode,
-        generator: torch.Generator | None,
-    ) -> Float[Tensor, "sample observation"]:
-        """Return the next states, by the shortest way."""
+    def _next(self, step: _Step, mode: Mode, generator: torch.Generator | None) -> Float[Tensor, "sample observation"]:
+        """Return the next states, by the shortest way: one sample goes through NumPy in the mode `argmax`."""
         if mode == "argmax" and self._parameters[0].dtype == torch.float32:
             # A rollout that has left all bounds goes on with what is no number.
             with np.errstate(over="ignore", invalid="ignore"):
-                one = self._one(observation, action, exogenous, x)
-                if one is not None:
-                    return self._next_of_one(one, observation)
-        return self._stepped(observation, action, exogenous, x, mode, generator)[0]
+                if step.x is None:
+                    x = self.features.encode_one(step.observation, step.action, step.exogenous)
+                else:
+                    x = step.x[0].numpy() if len(step.x) == 1 else None
+                if x is not None:
+                    ensemble, addressing = self._networks()
+                    member = 0 if addressing is None else int(addressing.scores_of_one(x).argmax())
+                    output = ensemble.forward_one(x, member)
+                    if self.features.angles:
+                        return self._decoded(torch.from_numpy(output[None]), step.observation)
+                    return torch.from_numpy(self.features.decode_one(output, step.observation.numpy())[None])
+        return self._next_and_probabilities(step, mode, generator)[0]
 
-    def _next_of_one(self, x: Float32[np.ndarray, " input"], observation: Tensor) -> Float[Tensor, "1 observation"]:
+    def _next_and_probabilities(
+        self, step: _Step, mode: Mode, generator: torch.Generator | None
+    ) -> tuple[Float[Tensor, "sample observation"], Float[Tensor, "sample member"]]:
+        x = self.features.encode(step.observation, step.action, step.exogenous) if step.x is None else step.x
         ensemble, addressing = self._networks()
-        member = 0 if addressing is None else int(addressing.scores_of_one(x).argmax())
-        output = ensemble.forward_one(x, member)
-        if self.features.angles:
-            return self._decoded(torch.from_numpy(output[None]), observation)
-        return torch.from_numpy(self.features.decode_one(output, observation.numpy())[None])
-
-    def _one(
-        self, observation: Tensor, action: Tensor, exogenous: Tensor | None, x: Float[Tensor, "sample input"] | None
-    ) -> Float32[np.ndarray, " input"] | None:
-        """Return the inputs of a batch of one sample; None if it is not that."""
-        if x is None:
-            return self.features.encode_one(observation, action, exogenous)
-        return x[0].numpy() if len(x) == 1 else None
+        probabilities = _probabilities(addressing, x)
+        output = _combined(ensemble, x, probabilities, mode, generator)
+        return self._decoded(output, step.observation), probabilities
 
     def _networks(self) -> tuple[FrozenMLP, FrozenMLP | None]:
         """Return the networks as they are evaluated, made anew if weights have changed."""
@@ -763,6 +743,16 @@ class AddressedDynamics:
     def probabilities_of(self, x: Float[Tensor, "sample input"]) -> Float[Tensor, "sample member"]:
         """Return the same as `probabilities`, for inputs as `features.encode` returns them."""
         return _probabilities(self._networks()[1], x)
+
+
+class _Step(NamedTuple):
+    """What a step of a batch begins with, as tensors that were looked at before."""
+
+    observation: Float[Tensor, "sample ..."]
+    action: Tensor
+    exogenous: Tensor | None
+    x: Float[Tensor, "sample input"] | None = None
+    """What `features.encode` makes of them, if that is known."""
 
 
 def _probabilities(addressing: FrozenMLP | None, x: Float[Tensor, "sample input"]) -> Float[Tensor, "sample member"]:
