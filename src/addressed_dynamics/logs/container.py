@@ -42,6 +42,8 @@ _ZSTD = b"\x04\x00\x00\x00zstd"
 _ZSTD_OFFSET = _FRAME.size + 8 + 8 + 8 + 4
 _WINDOW = 1024 * 1024
 _LARGEST_CHUNK = 2**30
+_LEAST_COMPARED = 128
+"""Messages whose heads cost hardly more to compare than two: less than a microsecond."""
 
 
 class Damage(Exception):
@@ -258,7 +260,10 @@ def _records_within(payload: bytes, offset: int) -> Iterator[Schema | Channel | 
         else:
             if opcode in _REPEATED:
                 body = payload[position + _FRAME.size : position + size]
-                yield _parse(Schema if opcode == Opcode.SCHEMA else Channel, body, offset)
+                try:
+                    yield _described(opcode, body)
+                except Damage as damage:
+                    raise Damage(offset, damage.reason) from damage
             position += size
 
 
@@ -281,7 +286,7 @@ def _equal_messages(payload: bytes, position: int, size: int, expected: int) -> 
     count, limit = 1, (len(payload) - position) // size
     rows = np.frombuffer(payload, _compared(size), limit, position)
     head, tail = rows["head"], rows["tail"]
-    window = max(2, expected + 1)
+    window = max(_LEAST_COMPARED, expected + 1)
     while count < limit:
         equal = head[count:window] == head[0]
         equal &= tail[count:window] == tail[0]
@@ -332,6 +337,17 @@ def _parse(kind: type[Any], body: bytes, offset: int) -> Any:
     except Exception as error:  # mcap's records raise a dozen unrelated types on damaged data
         message = f"is a {kind.__name__.lower()} record that cannot be read ({_first_line(error)})"
         raise Damage(offset, message) from error
+
+
+@lru_cache(maxsize=64)
+def _described(opcode: int, body: bytes) -> Schema | Channel:
+    """Parse a schema or a channel, which every chunk of a log repeats; callers leave it as it is.
+
+    Raises:
+        Damage: it cannot be read; at no known place.
+    """
+    found: Schema | Channel = _parse(Schema if opcode == Opcode.SCHEMA else Channel, body, 0)
+    return found
 
 
 def _first_line(error: Exception) -> str:

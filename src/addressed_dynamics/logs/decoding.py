@@ -104,7 +104,10 @@ def transition_columns(spec: SpaceSpec, runs: Sequence[MessageRun]) -> Columns:
     layout = transition_layout(spec)
     rows, header = _decode(layout, runs)
     if max(rows["terminated"].max(initial=0), rows["truncated"].max(initial=0)) > 1:
-        raise Damage(runs[0].offset, "is followed by a transition with a flag that is neither 0 nor 1")
+        wrong = (rows["terminated"] > 1) | (rows["truncated"] > 1)
+        raise Damage(
+            _offset(runs, int(wrong.argmax())), "is followed by a transition with a flag that is neither 0 nor 1"
+        )
     discrete = isinstance(spec.action, DiscreteAction)
     return {
         "episode": layout.scalar(rows, "episode").astype(np.int64),
@@ -135,17 +138,27 @@ def episode_records(runs: Sequence[MessageRun]) -> Iterable[EpisodeRecord]:
         Damage: a message is not in the layout of that topic.
     """
     rows, header = _decode(episode_layout(), runs)
-    if (rows["ended"] >= len(ENDED)).any():
-        raise Damage(runs[0].offset, "is followed by a record of an episode with an unknown end")
-    for row, time_ns in zip(rows, header["log_time"], strict=True):
+    wrong = rows["ended"] >= len(ENDED)
+    if wrong.any():
+        raise Damage(_offset(runs, int(wrong.argmax())), "is followed by a record of an episode with an unknown end")
+    names = ("episode", "seed", "return", "length", "ended")
+    for episode, seed, total, length, ended, time_ns in zip(
+        *(rows[name].tolist() for name in names), header["log_time"].tolist(), strict=True
+    ):
         yield EpisodeRecord(
-            episode=int(row["episode"]),
-            seed=None if row["seed"] == UNKNOWN_SEED else int(row["seed"]),
-            episode_return=float(row["return"]),
-            length=int(row["length"]),
-            ended=ENDED[row["ended"]],
-            end_time_ns=int(time_ns),
+            episode=episode,
+            seed=None if seed == UNKNOWN_SEED else seed,
+            episode_return=total,
+            length=length,
+            ended=ENDED[ended],
+            end_time_ns=time_ns,
         )
+
+
+def _offset(runs: Sequence[MessageRun], row: int) -> int:
+    """Return where the chunk begins that a row of all these messages is in."""
+    ends = np.cumsum([len(run) for run in runs])
+    return runs[int(np.searchsorted(ends, row, side="right"))].offset
 
 
 def _decode(
@@ -159,9 +172,9 @@ def _decode(
     messages = np.concatenate([run.messages for run in runs]) if runs else np.empty((0, size), np.uint8)
     broken = layout.broken(messages[:, MESSAGE_HEADER.itemsize :])
     if broken.any():
-        ends = np.cumsum([len(run) for run in runs])
-        offset = runs[int(np.searchsorted(ends, broken.argmax(), side="right"))].offset
-        raise Damage(offset, "is a chunk with a message that is not in the layout of these spaces")
+        raise Damage(
+            _offset(runs, int(broken.argmax())), "is a chunk with a message that is not in the layout of these spaces"
+        )
     record = np.dtype([("header", MESSAGE_HEADER), ("message", layout.dtype)])
     records = messages.view(record).reshape(len(messages))
     return records["message"], records["header"]

@@ -14,6 +14,7 @@ from addressed_dynamics.episodes.transitions import Transitions
 from addressed_dynamics.logs.container import Damage, MessageRun, Source, scan
 from addressed_dynamics.logs.contents import EpisodeRecord, LogContents, RunRecord
 from addressed_dynamics.logs.decoding import Columns, Found, episode_records, run_record, transition_columns
+from addressed_dynamics.logs.log_file import CHUNK_BYTES
 from addressed_dynamics.logs.schema import EPISODE_SCHEMA, TRANSITION_SCHEMA
 
 COMPRESSED = {
@@ -22,6 +23,10 @@ COMPRESSED = {
     bytes.fromhex("04224d18"): "lz4 -d",
 }
 """What undoes the compression of a whole file, by how it begins."""
+
+TOGETHER_BYTES = CHUNK_BYTES // 2
+"""Chunks are decoded together until they have so many bytes: a recorder ends one with each episode, and to decode a
+small one costs as much as a large one."""
 
 
 def read_log(path: Path) -> LogContents:
@@ -39,7 +44,7 @@ def read_log(path: Path) -> LogContents:
 
 
 def read_blocks(path: Path) -> Iterator[LogContents]:
-    """Yield the contents of the log at `path` chunk by chunk; memory is needed for one chunk at a time.
+    """Yield the contents of the log at `path` chunk by chunk, small ones together, in the memory of a large one.
 
     There is at least one block, with no transitions if the log has none. An episode may go on in the next block; its
     record is in the block that it ends in.
@@ -86,19 +91,23 @@ def read_episodes(path: Path, *, at_least: int) -> Iterator[LogContents]:
 
 
 def _blocks(path: Path) -> Iterator[tuple[RunRecord, Columns, list[EpisodeRecord]]]:
-    """Yield the decoded contents of each chunk, and check what only the whole file shows."""
-    found, tally, read = Found(), _Tally(path), 0
+    """Yield the decoded contents of the chunks, small ones together, and check what only the whole file shows."""
+    found, tally, read, waiting = Found(), _Tally(path), 0, 0
     record: RunRecord | None = None
     with open_source(path) as source:
         try:
             for content in scan(source):
-                starts_chunk = isinstance(content, MessageRun) and found.runs and content.offset != found.runs[0].offset
-                if starts_chunk and (record or found.channels):
+                starts_chunk = (
+                    isinstance(content, MessageRun) and found.runs and content.offset != found.runs[-1].offset
+                )
+                if starts_chunk and waiting >= TOGETHER_BYTES and (record or found.channels):
                     record = record or run_record(path, found)
                     yield tally.add(record, found)
                     read += found.intact
                     found.runs.clear()
+                    waiting = 0
                 found.add(content)
+                waiting += content.messages.size if isinstance(content, MessageRun) else 0
         except Damage as damage:
             message = (
                 f"{path}: byte {damage.offset} {damage.reason}; {read + found.intact} transitions before it are "
