@@ -31,8 +31,9 @@ RECOMMENDED = "recommended"
 
 
 Why = Literal["asked", "best", "reference", "unmeasured"]
-"""Why a model is delivered: the params file asks for it; it is the best on validation episodes; it is a reference, than
-which no trained model is better there; or there are none, and it is the addressed ensemble for want of a choice."""
+"""Why a model is delivered: the params file asks for it; it is the best on validation episodes, or the simplest of
+those that are about as good; it is a reference, than which no trained model is clearly better there; or there are none,
+and it is the addressed ensemble for want of a choice."""
 
 
 @dataclass(frozen=True)

@@ -3,11 +3,19 @@
 from dataclasses import asdict
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from addressed_dynamics.evaluation.transitions.recommending import SLACK, Score, choose, deliver
+from addressed_dynamics.evaluation.transitions.recommending import (
+    SLACK,
+    Course,
+    Score,
+    choose,
+    deliver,
+    simplest,
+)
 from addressed_dynamics.simulators.delivery import Choice
 
 NAMES = ("ensemble/argmax", "ensemble/mixture", "total_parameters/seed-0", "persistence/seed-0", "linear/seed-0")
@@ -92,6 +100,49 @@ def test_the_last_change_and_the_linear_map_of_one_frame_are_references_in_rollo
 
 def test_without_references_the_best_is_recommended() -> None:
     assert choose({"a/seed-0": Score(1.0, 1.0, 1.0), "b/seed-0": Score(2.0, 2.0, 2.0)}) == ("b/seed-0", True)
+
+
+def course(percent: float, *, noise: float = 0.2, seed: int = 0) -> Course:
+    """Return the errors of eight rollouts of four episodes, and horizons as long as all the others'."""
+    errors = percent * np.exp(noise * np.random.default_rng(seed).normal(size=8))
+    return Course(errors, np.full(8, 50.0), np.repeat(np.arange(4), 2))
+
+
+SIZES = {"ensemble/argmax": 9000, "same_size/seed-0": 1000, "persistence/seed-0": 0, "linear/seed-0": 12}
+
+
+def chosen(courses: dict[str, Course], **one_step: float) -> str:
+    steps = {"ensemble": 1.0, "same_size": 1.0, "persistence": 1.5, "linear": 1.1} | one_step
+    scores = {name: Score(steps[name.partition("/")[0]], each.percent.mean(), 50.0) for name, each in courses.items()}
+    best, _ = choose(scores)
+    return simplest(best, scores, courses, SIZES)
+
+
+FAR = {"persistence/seed-0": course(20.0), "linear/seed-0": course(12.0)}
+
+
+def test_of_those_that_no_episode_tells_apart_the_smallest_is_recommended() -> None:
+    alike = {"ensemble/argmax": course(3.0), "same_size/seed-0": course(3.02, seed=1)}
+    assert chosen(FAR | alike) == "same_size/seed-0"
+    assert chosen(FAR | alike, same_size=1.1) == "ensemble/argmax"
+
+
+def test_a_smaller_model_that_is_clearly_worse_in_rollouts_is_not_recommended() -> None:
+    assert chosen(FAR | {"ensemble/argmax": course(3.0), "same_size/seed-0": course(4.5, seed=1)}) == "ensemble/argmax"
+    shorter = Course(course(3.0).percent, np.full(8, 40.0), course(3.0).episode)
+    assert shorter.clearly_worse(course(3.0))
+    assert not course(3.0).clearly_worse(shorter)
+
+
+def test_least_squares_are_recommended_where_no_model_is_clearly_better() -> None:
+    near = {"persistence/seed-0": course(20.0), "linear/seed-0": course(3.05, seed=1)}
+    assert chosen(near | {"ensemble/argmax": course(3.0)}, linear=1.0) == "linear/seed-0"
+    assert chosen(near | {"ensemble/argmax": course(3.0)}, linear=1.1) == "ensemble/argmax"
+
+
+def test_one_episode_tells_no_rollouts_apart() -> None:
+    one = [Course(np.full(3, percent), np.full(3, 50.0), np.zeros(3, np.int64)) for percent in (1.0, 9.0)]
+    assert not one[1].clearly_worse(one[0])
 
 
 OWN, LINEAR = Choice("ensemble", 3, "plain", "argmax"), Choice("linear", 0, None, "argmax")

@@ -332,8 +332,11 @@ class Recommendation(Record):
     candidate: str
     """A key of `candidates`."""
     label: str
+    best: str | None = None
+    """The candidate that holds longest, if the simplest of those that are about as good is another."""
     beats_references: bool
-    """Whether it is no worse than nothing and than least squares in rollouts, nor than nothing one step ahead."""
+    """Whether it was trained; so it is no worse than nothing and than least squares in rollouts, nor than nothing one
+    step ahead."""
     rollouts: int
     """Rollouts on validation episodes that it was chosen by."""
     scores: dict[str, ScoreRecord]

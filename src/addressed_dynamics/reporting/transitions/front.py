@@ -228,7 +228,7 @@ def no_rollouts(experiment: str) -> str:
 def _why(evaluation: Evaluation) -> str:
     why = {
         "asked": "as the params file asks",
-        "best": "the best on validation episodes",
+        "best": "the best on validation episodes, or the simplest of those that are about as good",
         "reference": "no trained model is worth more on validation episodes",
         "unmeasured": "there are no validation episodes to choose by",
     }

@@ -33,6 +33,8 @@ from addressed_dynamics.reporting.transitions.paper import AngleFigures, PaperFi
 from addressed_dynamics.reporting.transitions.rollout_tables import episodes_words, lost_sentence
 from addressed_dynamics.reporting.transitions.targets import separation
 
+SIMPLEST = "the simplest of those that are about as good as the best"
+
 
 def verdict(evaluation: Evaluation, targets: Sequence[Target], paper: PaperFigures | None) -> str:
     """Return the result in a few sentences, the first of which says which model is delivered, and why."""
@@ -64,7 +66,8 @@ def _delivered(evaluation: Evaluation) -> str:
         f"its rollouts keep it below 10 % for {significant(best.horizon_seconds, 3)} s"
     )
     if found.candidate == ADDRESSED:
-        first = f"{asked}, and it is the best" if why == "asked" else "Delivered is the addressed ensemble, the best"
+        rank = "the best" if found.best is None else SIMPLEST
+        first = f"{asked}, and it is {rank}" if why == "asked" else f"Delivered is the addressed ensemble, {rank}"
         return f"{first}: {reached}{_better_in_a_step(found)}."
     beside = ""
     if own := found.scores.get(ADDRESSED):
@@ -83,7 +86,8 @@ def _delivered(evaluation: Evaluation) -> str:
         )
     if none_better:
         return f"Delivered is {label}{none_better}: {reached}{beside}."
-    return f"Delivered is {label}, the best: {reached}{beside}{_better_in_a_step(found)}."
+    rank = "the best" if found.best is None else SIMPLEST
+    return f"Delivered is {label}, {rank}: {reached}{beside}{_better_in_a_step(found)}."
 
 
 def _named(label: str) -> str:
