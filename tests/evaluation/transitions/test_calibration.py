@@ -5,7 +5,12 @@ from learning import drive, untrained_model
 from trusted_models import NOISE, drifting, linear_pair, trusted_model
 
 from addressed_dynamics.base.errors import EvaluationError, ModelError
-from addressed_dynamics.evaluation.transitions.calibration import calibrate, cover, stretches
+from addressed_dynamics.evaluation.transitions.calibration import (
+    _multiples,
+    calibrate,
+    cover,
+    stretches,
+)
 from addressed_dynamics.evaluation.transitions.points import Points
 from addressed_dynamics.features.transitions.spec import fit_features
 from addressed_dynamics.simulators.addressed import AddressedDynamics
@@ -250,3 +255,26 @@ def test_few_points_calibrate_no_high_coverage():
     trusted = AddressedDynamics(model.features, model.ensemble, trust=trust)
     with pytest.raises(ModelError, match=r"3 validation episodes calibrate coverages from 0\.01 to 0\.9, but 0\.95"):
         trusted.interval(np.zeros((1, 2)), np.zeros((1, 1)), 0.95)
+
+
+def test_an_episode_counts_as_much_as_any_other_however_long_it_is():
+    generator = np.random.default_rng(0)
+    lengths = np.where(np.arange(400) % 10 == 0, 200, 2)
+    episode = np.repeat(np.arange(400), lengths)
+    # Long episodes, nine tenths of all rows, have small errors.
+    ratios = np.abs(generator.normal(size=(len(episode), 1))) * np.where(lengths == 200, 0.1, 1.0)[episode][:, None]
+    (half,), (most,) = _multiples(ratios, episode, (0.5, 0.9))
+    by_episode = [np.mean([(ratios[episode == each] <= limit).mean() for each in range(400)]) for limit in (half, most)]
+    assert by_episode == pytest.approx([0.5, 0.9], abs=0.01)
+    assert (ratios <= half).mean() > 0.9
+
+
+def test_an_episode_has_as_many_stretches_as_any_other_where_it_has_so_many():
+    model, _, _ = trusted_model()
+    episodes = drifting(30, 4)
+    rows = (episodes.episode >= 5) | (episodes.step < 3)
+    ways = stretches(Points.of(episodes.select(rows), model.features), 20, 120, "test")
+    counts = np.bincount(ways.episode)
+    assert counts[:5].tolist() == [2] * 5 or counts[:5].max() <= 3
+    assert counts[5:].max() - counts[5:].min() <= 1
+    assert counts.sum() == 120

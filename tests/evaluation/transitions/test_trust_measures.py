@@ -163,3 +163,14 @@ def test_a_map_of_one_place_or_of_none() -> None:
     assert np.isnan(found).sum() == 8
     with pytest.raises(EvaluationError, match="at least one point"):
         trust_map(np.empty((0, 2)), np.empty(0), 3)
+
+
+def test_coverage_of_episodes_is_the_mean_of_theirs_with_its_standard_error() -> None:
+    truth = np.array([[0.5], [2.0], [2.0], [2.0], [0.5]])
+    low, high, episode = np.zeros((5, 1)), np.ones((5, 1)), np.array([0, 0, 0, 0, 1])
+    found = covered(truth, low, high, episode)
+    assert (found.of_all, found.together, found.dimensions.tolist()) == (0.625, 0.625, [0.625])
+    assert found.error == pytest.approx(0.375)
+    assert covered(truth, low, high).of_all == pytest.approx(0.4)
+    assert covered(truth, low, high).error is None
+    assert covered(truth, low, high, np.zeros(5, np.int64)).error is None

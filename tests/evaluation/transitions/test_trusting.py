@@ -214,3 +214,23 @@ def test_damaged_trust_is_one_line(tmp_path, name):
     with pytest.raises(ModelError, match=str(place)) as caught:
         AddressedDynamics.load(folder, candidate="total_parameters").trust(np.zeros(2), np.zeros(1))
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("scale", "kind", "bad"), [(0.01, "starts", "worst"), (1.0, "starts", "validation")])
+def test_bad_predictions_are_told_from_good_ones_where_none_is_as_bad_as_in_validation(scale, kind, bad):
+    model, partner, trust = trusted_model()
+    pair = Pair(model, Origin("total_parameters", 0), partner, Origin("total_parameters", 1))
+    validation, test = drifting(60, 1), drifting(20, 5)
+    # A hundredth of the noise: no error is above the 99th percentile of validation errors.
+    told = model.predict(test.observation, test.action)
+    test.next_observation[:] = told + scale * (test.next_observation - told)
+    points = {"validation": Points.of(validation, model.features), "test": Points.of(test, model.features)}
+    shift = ShiftParams.model_validate(
+        {"name": "same", "kind": kind, "environment": {"id": "any"}, "behaviour": {"kind": "constant", "action": 0}},
+        strict=False,
+    )
+    record, _ = judge_trust(pair, trust, points, {"same": test}, [shift], {"model": np.ones(2)})
+    found = TrustRecord.model_validate(record).shifts["same"]
+    assert found.bad == bad
+    assert all(area is not None and 0 <= area <= 1 for area in found.auroc.values())
+    assert (found.positive_share == 0.0) == (bad == "worst")

@@ -176,7 +176,7 @@ def stretches(points: Points, steps: int, most: int, name: str) -> Stretches:
     """Return recorded stretches of at most so many steps from starts that are drawn.
 
     Half of them are drawn from all points, and half from those that have `LONG` steps after them, or `steps`: many
-    starts are near the end of their episodes.
+    starts are near the end of their episodes. Of each half, an episode has as many as any other where it has them.
 
     Args:
         points: of the episodes.
@@ -186,9 +186,21 @@ def stretches(points: Points, steps: int, most: int, name: str) -> Stretches:
     """
     order = torch.randperm(len(points), generator=named_generator(0, name)).numpy()
     left = last_rows(points.transitions)[points.rows] - points.rows + 1
-    far = order[left[order] >= min(LONG, steps)][: most // 2]
-    near = order[~np.isin(order, far)][: most - len(far)]
+    far = _in_turn(order[left[order] >= min(LONG, steps)], points.episode)[: most // 2]
+    near = _in_turn(order[~np.isin(order, far)], points.episode)[: most - len(far)]
     return stretches_from(points, np.sort(np.concatenate([far, near])), steps)
+
+
+def _in_turn(
+    chosen: Int64[np.ndarray, " chosen"], episode: Int64[np.ndarray, " point"]
+) -> Int64[np.ndarray, " chosen"]:
+    """Return points in such an order that every episode gives its first, then every one its second, and so on."""
+    _, place = np.unique(episode[chosen], return_inverse=True)
+    by_episode = np.argsort(place, kind="stable")
+    ordered = place[by_episode]
+    turn = np.empty(len(chosen), dtype=np.int64)
+    turn[by_episode] = np.arange(len(chosen)) - np.searchsorted(ordered, ordered)
+    return chosen[np.argsort(turn, kind="stable")]
 
 
 def stretches_from(points: Points, starts: Int64[np.ndarray, " stretch"], steps: int) -> Stretches:
@@ -234,14 +246,18 @@ def _rollout_ratios(
     longest = reachable(validation, steps)
     if longest < STEPS[1]:
         return
-    ways = stretches(validation, longest, min(MOST_ROLLOUTS, max(FOLDS, MOST_STEPS // longest)), "trust/rollouts")
-    followed = follow(model, partner, gauge, ways.history, ways.actions, ways.exogenous)
-    ratio = ((followed.states - ways.states).double().abs() / followed.scale).nan_to_num(nan=torch.inf).numpy()
-    for step in [each for each in STEPS[1:] if each <= longest]:
-        there = ways.there[:, step - 1]
-        if len(np.unique(ways.episode[there])) < FEWEST_EPISODES:
-            return
-        yield step, ratio[there, step - 1], ways.episode[there]
+    # Half of all steps are in rollouts as long as most questions are: the more episodes, the better they are known.
+    lengths = sorted({min(LONG, longest), longest})
+    for before, length in zip((1, *lengths), lengths, strict=False):
+        number = min(MOST_ROLLOUTS, max(FOLDS, MOST_STEPS // len(lengths) // length))
+        ways = stretches(validation, length, number, "trust/rollouts")
+        followed = follow(model, partner, gauge, ways.history, ways.actions, ways.exogenous)
+        ratio = ((followed.states - ways.states).double().abs() / followed.scale).nan_to_num(nan=torch.inf).numpy()
+        for step in [each for each in STEPS if before < each <= length]:
+            there = ways.there[:, step - 1]
+            if len(np.unique(ways.episode[there])) < FEWEST_EPISODES:
+                return
+            yield step, ratio[there, step - 1], ways.episode[there]
 
 
 def _multiples(
@@ -249,26 +265,48 @@ def _multiples(
     episode: Int64[np.ndarray, " row"],
     coverages: Sequence[float],
 ) -> Float64[np.ndarray, "coverage observation"]:
-    """Return for each coverage the multiple of the expected sizes that covers as many errors of other episodes."""
+    """Return for each coverage the multiple of the expected sizes that covers as many errors of other episodes.
+
+    Every episode counts as much as any other, however many errors are of it (hierarchical conformal prediction:
+    Dunn et al. 2023, Lee et al. 2023): a new episode is exchangeable with them, and its errors are with its own alone.
+    """
     values = np.where(np.isfinite(ratios), ratios, np.nanmax(ratios, where=np.isfinite(ratios), initial=0.0))
     levels = np.concatenate([np.linspace(0.0, 0.98, 99), np.linspace(0.981, 1.0, 20)])
     order = np.unique(episode)
     folds = np.array_split(np.random.default_rng(0).permutation(order), min(FOLDS, len(order)))
+    weights = episode_weights(episode)
     covered = np.zeros((len(levels), values.shape[1]))
     for fold in folds:
         inside = np.isin(episode, fold)
-        limits = np.quantile(values[~inside], levels, axis=0)
         for column in range(values.shape[1]):
-            ordered = np.sort(values[inside, column])
-            covered[:, column] += np.searchsorted(ordered, limits[:, column], side="right")
-    covered /= len(values)
+            limits = _weighted_quantiles(values[~inside, column], weights[~inside], levels)
+            place = np.argsort(values[inside, column], kind="stable")
+            upto = np.append(0.0, np.cumsum(weights[inside][place]))
+            covered[:, column] += upto[np.searchsorted(values[inside, column][place], limits, side="right")]
     found = []
     for column in range(values.shape[1]):
         # As often as not exactly so many are covered; a level is the lowest that covers enough.
         rising = np.maximum.accumulate(covered[:, column])
         level = np.interp(coverages, rising, levels)
-        found.append(np.quantile(values[:, column], level))
+        found.append(_weighted_quantiles(values[:, column], weights, level))
     return np.stack(found, axis=1)
+
+
+def episode_weights(episode: Int64[np.ndarray, " row"]) -> Float64[np.ndarray, " row"]:
+    """Return weights of rows, 1 together, by which all episodes count the same."""
+    _, place, count = np.unique(episode, return_inverse=True, return_counts=True)
+    weights: Float64[np.ndarray, " row"] = 1.0 / (count[place] * len(count))
+    return weights
+
+
+def _weighted_quantiles(
+    values: Float64[np.ndarray, " row"], weights: Float64[np.ndarray, " row"], levels: Float64[np.ndarray, " level"]
+) -> Float64[np.ndarray, " level"]:
+    """Return quantiles: linear between the values, each of which stands in the middle of its weight."""
+    order = np.argsort(values, kind="stable")
+    share = np.cumsum(weights[order]) - weights[order] / 2.0
+    found: Float64[np.ndarray, " level"] = np.interp(levels, share / weights.sum(), values[order])
+    return found
 
 
 def _network_of_errors(x: Tensor, logs: Tensor, x_validation: Tensor, logs_validation: Tensor) -> StackedMLP:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Float64
+from jaxtyping import Bool, Float, Float64, Int64
 
 from addressed_dynamics.base.errors import EvaluationError
 
@@ -82,16 +82,25 @@ class Covered:
     """Share of all numbers: the mean over the dimensions. An interval is of one dimension, and promises this."""
     together: float
     """Share of the points of which every dimension lies in its interval; lower, unless dimensions err together."""
+    error: float | None
+    """Standard error of `of_all` over the episodes; None if there is only one, or if nobody said which there are."""
 
 
 def covered(
     truth: Float[np.ndarray, "*point dimension"],
     low: Float[np.ndarray, "*point dimension"],
     high: Float[np.ndarray, "*point dimension"],
+    episode: Int64[np.ndarray, " row"] | None = None,
 ) -> Covered:
     """Return the shares of the truth that lie in the intervals from `low` to `high`, ends included.
 
     An interval with NaN for an end covers nothing, an infinite one everything.
+
+    Args:
+        truth: what happened.
+        low: lower ends.
+        high: upper ends.
+        episode: of each point; every episode then counts as much as any other. None if every point does.
 
     Raises:
         EvaluationError: there are no points.
@@ -100,7 +109,13 @@ def covered(
         message = "coverage needs at least one point, but there is none; hold more or longer episodes out"
         raise EvaluationError(message)
     inside = ((low <= truth) & (truth <= high)).reshape(-1, truth.shape[-1])
-    return Covered(inside.mean(axis=0), float(inside.mean()), float(inside.all(axis=1).mean()))
+    row = np.arange(len(inside)) if episode is None else episode
+    _, place, count = np.unique(row, return_inverse=True, return_counts=True)
+    of_each = [np.bincount(place, each) / count for each in (*inside.T, inside.mean(axis=1), inside.all(axis=1))]
+    *dimensions, of_all, together = (float(each.mean()) for each in of_each)
+    known = episode is not None and len(count) > 1
+    error = float(of_each[-2].std(ddof=1) / np.sqrt(len(count))) if known else None
+    return Covered(np.array(dimensions), of_all, together, error)
 
 
 def break_even_steps(

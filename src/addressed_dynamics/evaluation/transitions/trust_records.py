@@ -17,11 +17,15 @@ class CoverageRecord(Record):
     asked: float
     """The share that the intervals are asked to cover."""
     of_all: float
-    """The share that they do cover, over all dimensions."""
+    """The share that they do cover, over all dimensions; every episode counts as much as any other."""
+    standard_error: float | None = None
+    """Of `of_all`, over the episodes; None of a single one."""
     dimensions: dict[str, float] = Field(default_factory=dict)
     """The same of each dimension."""
     points: int | None = None
     """Predictions that this was counted over."""
+    episodes: int | None = None
+    """Episodes that these are of."""
 
 
 class ShiftRecord(Record):
@@ -29,10 +33,13 @@ class ShiftRecord(Record):
 
     kind: Literal["starts", "behaviour", "mechanics"]
     auroc: dict[str, float | None] = Field(default_factory=dict)
-    """By score: `trust`, `surprise`, and `spread`, `distance`, `unlikeness` and `margin` alone; None where all are bad,
-    or none."""
+    """By score: `trust`, `surprise`, and `spread`, `distance`, `unlikeness` and `margin` alone; None where nothing can
+    be counted over, or all errors are the same."""
     positive_share: float | None = None
-    """Share of the predictions under the shift that are bad."""
+    """Share of the predictions under the shift whose errors are above the 99th percentile of validation errors."""
+    bad: Literal["validation", "worst"] = "validation"
+    """What was to be told from the others: errors above the 99th percentile of validation errors, or, where all are
+    above it or none is, above that of the predictions under the shift and on test episodes themselves."""
 
 
 class RiskRecord(Record):

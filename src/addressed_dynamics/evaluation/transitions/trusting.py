@@ -133,15 +133,13 @@ def judge_trust(
     looked = {split: _look(pair, trust, points[split]) for split in splits}
     test, features = looked["test"], pair.model.features
     scale = np.array(features.scale)
-    bad = float(np.quantile(looked["validation"].error, BAD))
     coverage, horizon, steps = _coverage(pair, trust, points, scale)
     record: dict[str, Any] = {
         "model": str(pair.origin),
         "episodes": trust.episodes,
         "coverage": coverage,
         "shifts": {
-            kind.name: _shift(pair, trust, kind.kind, Points.of(shifts[kind.name], features), looked, bad)
-            for kind in kinds
+            kind.name: _shift(pair, trust, kind.kind, Points.of(shifts[kind.name], features), looked) for kind in kinds
         },
         "risk": [asdict(each) for each in risk_against_coverage(test.error, test.trust)],
         "trusted_steps": horizon,
@@ -215,7 +213,7 @@ def _coverage(
     known = [asked for asked in ASKED if trust.coverages[0] <= asked <= trust.coverages[-1]]
     for asked in known:
         half = trust.half(scales.error.unsqueeze(1), asked)[:, 0]
-        rows.append(_covered(1, asked, zero, (error - half).numpy(), (error + half).numpy(), names))
+        rows.append(_covered(1, asked, zero, (error - half).numpy(), (error + half).numpy(), names, test.episode))
     longest = min(trust.steps[-1], reachable(test, trust.steps[-1]))
     if longest < 2:
         return rows, None, None
@@ -227,7 +225,7 @@ def _coverage(
         for asked in known:
             half = trust.half(followed.scale, asked)
             low, high = ((followed.states + sign * half)[there, steps - 1].numpy() for sign in (-1, 1))
-            rows.append(_covered(steps, asked, truth[there, steps - 1], low, high, names))
+            rows.append(_covered(steps, asked, truth[there, steps - 1], low, high, names, ways.episode[there]))
     if ASKED[-1] not in known:
         return rows, None, longest
     steps = reachable(points["validation"], longest, FEWEST_KNOWN)
@@ -236,37 +234,50 @@ def _coverage(
 
 
 def _covered(
-    steps: int, asked: float, truth: np.ndarray, low: np.ndarray, high: np.ndarray, names: Sequence[str]
+    steps: int,
+    asked: float,
+    truth: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    names: Sequence[str],
+    episode: Int64[np.ndarray, " point"],
 ) -> dict[str, Any]:
-    found = covered(truth, low, high)
-    each = dict(zip(names, found.dimensions.tolist(), strict=True))
-    return {"steps": steps, "asked": asked, "of_all": found.of_all, "dimensions": each, "points": len(truth)}
+    found = covered(truth, low, high, episode)
+    return {
+        "steps": steps,
+        "asked": asked,
+        "of_all": found.of_all,
+        "standard_error": found.error,
+        "dimensions": dict(zip(names, found.dimensions.tolist(), strict=True)),
+        "points": len(truth),
+        "episodes": len(np.unique(episode)),
+    }
 
 
-def _shift(
-    pair: Pair, trust: Trust, kind: str, points: Points, looked: Mapping[Split, _Looked], bad: float
-) -> dict[str, Any]:
+def _shift(pair: Pair, trust: Trust, kind: str, points: Points, looked: Mapping[Split, _Looked]) -> dict[str, Any]:
     """Return how well scores tell bad predictions from good ones, among those under a shift and those of the test.
 
-    What nothing can be counted over, as episodes are too short for it, is None.
+    Bad is what is above the quantile `BAD` of the validation errors. Where all are, or none is, nothing can be told
+    apart so, and bad is what is above that quantile of these very predictions. What nothing can be counted over, as
+    episodes are too short for it, is None.
     """
     shifted, test = _look(pair, trust, points), looked["test"]
     if kind != "mechanics":
-        limit = bad
-        positive = [each.error > limit for each in (shifted, test)]
+        held_out, *errors = looked["validation"].error, shifted.error, test.error
         scores = [dict(each.scores) | {"surprise": each.surprise} for each in (shifted, test)]
     else:
-        held_out = _window_errors(pair, looked["validation"].points)
-        limit = float(np.quantile(held_out, BAD)) if len(held_out) else np.inf
-        positive = [_window_errors(pair, each.points) > limit for each in (shifted, test)]
+        held_out, *errors = (_window_errors(pair, each.points) for each in (looked["validation"], shifted, test))
         scores = [_over_windows(each) for each in (shifted, test)]
-    if not len(positive[0]) or np.isinf(limit):
+    if not len(errors[0]) or not len(held_out):
         return {"kind": kind, "auroc": dict.fromkeys(scores[0]), "positive_share": None}
-    both: Bool[np.ndarray, " point"] = np.concatenate(positive)
+    both, limit = np.concatenate(errors), float(np.quantile(held_out, BAD))
+    absolute = bool((both > limit).any() and (both <= limit).any())
+    positive: Bool[np.ndarray, " point"] = both > (limit if absolute else np.quantile(both, BAD))
     return {
         "kind": kind,
-        "auroc": {name: auroc(np.concatenate([each[name] for each in scores]), both) for name in scores[0]},
-        "positive_share": float(positive[0].mean()),
+        "auroc": {name: auroc(np.concatenate([each[name] for each in scores]), positive) for name in scores[0]},
+        "positive_share": float((errors[0] > limit).mean()),
+        "bad": "validation" if absolute else "worst",
     }
 
 
