@@ -114,7 +114,7 @@ def calibrate(
         [1],
     )
     for step, ratios, of in _rollout_ratios(model, partner, gauge, validation, steps):
-        multiples.append(np.maximum(_multiples(ratios, of, coverages), 0.0))
+        multiples.append(np.maximum(_multiples(ratios, of, coverages, one_course=step >= LONG), 0.0))
         reached.append(step)
     return Trust(
         gauge, partner, signals, combined, surprise, tuple(reached), coverages,
@@ -264,17 +264,21 @@ def _multiples(
     ratios: Float64[np.ndarray, "row observation"] | Float32[np.ndarray, "row observation"],
     episode: Int64[np.ndarray, " row"],
     coverages: Sequence[float],
+    *,
+    one_course: bool = False,
 ) -> Float64[np.ndarray, "coverage observation"]:
     """Return for each coverage the multiple of the expected sizes that covers as many errors of other episodes.
 
     Every episode counts as much as any other, however many errors are of it (hierarchical conformal prediction:
     Dunn et al. 2023, Lee et al. 2023): a new episode is exchangeable with them, and its errors are with its own alone.
+    Where stretches of an episode are so long that they count as one course, no quantile of n episodes promises to cover
+    more than n / (n + 1) of another's errors: beyond, all that were seen are covered.
     """
     values = np.where(np.isfinite(ratios), ratios, np.nanmax(ratios, where=np.isfinite(ratios), initial=0.0))
     levels = np.concatenate([np.linspace(0.0, 0.98, 99), np.linspace(0.981, 1.0, 20)])
     order = np.unique(episode)
     folds = np.array_split(np.random.default_rng(0).permutation(order), min(FOLDS, len(order)))
-    weights = episode_weights(episode)
+    weights, promised = episode_weights(episode), len(order) / (len(order) + 1) if one_course else 1.0
     covered = np.zeros((len(levels), values.shape[1]))
     for fold in folds:
         inside = np.isin(episode, fold)
@@ -287,7 +291,7 @@ def _multiples(
     for column in range(values.shape[1]):
         # As often as not exactly so many are covered; a level is the lowest that covers enough.
         rising = np.maximum.accumulate(covered[:, column])
-        level = np.interp(coverages, rising, levels)
+        level = np.where(np.array(coverages) > promised, 1.0, np.interp(coverages, rising, levels))
         found.append(_weighted_quantiles(values[:, column], weights, level))
     return np.stack(found, axis=1)
 
