@@ -1,9 +1,9 @@
 """How long it takes from a clone without anything to the reports: what the README says of both scales.
 
-    python benchmarks/whole_run.py quick --figures docs/figures/durations.json
+    python benchmarks/whole_run.py quick --figures docs/figures/durations-quick.json
 
-It measures one scale at a time, in a clone of what is committed, and keeps the figure of the other one. Nothing else
-should run beside it; `make bench` leaves it out.
+It measures one scale, in a clone of what is committed; each has a file of its own. Nothing else should run beside it;
+`make bench` leaves it out.
 """
 
 import argparse
@@ -45,10 +45,7 @@ def main() -> None:
     cores = len(os.sched_getaffinity(0))
     print(f"{options.scale}: {taken} minutes on {cores} cores")
     if options.figures:
-        before = json.loads(options.figures.read_text(encoding="utf-8")) if options.figures.is_file() else {}
-        before.pop("measured_at", None)
-        found = {**before, "cores": cores, f"{options.scale}_minutes": taken}
-        options.figures.write_text(json.dumps(found), encoding="utf-8")
+        options.figures.write_text(json.dumps({"minutes": taken, "cores": cores}), encoding="utf-8")
 
 
 if __name__ == "__main__":
