@@ -122,4 +122,7 @@ def test_without_extras_all_but_reports_and_learners_is_there() -> None:
     assert set(needs.values()) == {"matplotlib", "PIL", "stable_baselines3"}
     needing = {name.removeprefix("addressed_dynamics.") for name in needs}
     others = {name for name in needing if not name.startswith("reporting.")}
-    assert others == {"recording.dqn", "recording.plan", "simulators.stable_baselines"}
+    assert others == {
+        "policies.learning", "policies.offline", "policies.suite", "recording.dqn", "recording.plan",
+        "simulators.stable_baselines",
+    }  # fmt: skip
