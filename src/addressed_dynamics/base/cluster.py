@@ -128,14 +128,19 @@ def _streamed(ray: Any, waiting: Mapping[str, _Team], at_once: int) -> Iterator[
             name = next(iter(left))
             team = left.pop(name)
             running[team.begin()] = (name, team)
-        ready, _ = ray.wait(list(running), num_returns=1)
-        for stream in ready:
-            name, team = running.pop(stream)
+        watched = {each: stream for stream, (_, team) in running.items() for each in team.others}
+        (first, *_), _ = ray.wait([*running, *watched], num_returns=1)
+        stream = watched.get(first, first)
+        name, team = running.pop(stream)
+        if first is stream:
             ended, results = team.read()
             for result in results:
                 yield name, result
-            if not ended:
-                running[team.stream] = (name, team)
+        else:
+            ended = False
+            team.look_at(first)
+        if not ended:
+            running[team.stream] = (name, team)
 
 
 class _Team:
@@ -144,7 +149,8 @@ class _Team:
     def __init__(self, ray: Any, job: Callable[[], Iterator[Any]], workers: int) -> None:
         self._ray, self._job, self._workers = ray, pickle.dumps(job), workers
         self._home = _Home.here()
-        self._others: list[Any] = []
+        self.others: list[Any] = []
+        """Tasks beside the first that still run, as far as anybody has looked."""
         self._meeting: Path | None = None
         self._lost = self._yielded = self._skipped = 0
         self.stream: Any = None
@@ -157,7 +163,7 @@ class _Team:
         options = {"num_cpus": 1, "max_retries": 0}
         roles = [_Role(rank, self._workers, self._meeting) for rank in range(self._workers)]
         follow = ray.remote(**options)(_follow_at_home)
-        self._others = [follow.remote(self._home, self._job, role) for role in roles[1:]]
+        self.others = [follow.remote(self._home, self._job, role) for role in roles[1:]]
         lead = ray.remote(**options, num_returns="streaming")(_stream_at_home)
         self.stream = lead.remote(self._home, self._job, roles[0])
         self._skipped = 0
@@ -168,7 +174,7 @@ class _Team:
         try:
             reference = next(self.stream, None)
             if reference is None:
-                self._ray.get(self._others)
+                self._ray.get(self.others)
                 return True, []
             result = pickle.loads(self._ray.get(reference))
             if isinstance(result, Failure):
@@ -185,25 +191,36 @@ class _Team:
 
     def end(self) -> None:
         """Stop whatever still runs, and clear away what the tasks met by."""
-        for task in [*self._others, *([] if self.stream is None else [self.stream])]:
+        for task in [*self.others, *([] if self.stream is None else [self.stream])]:
             self._ray.cancel(task, force=True)
         if self._meeting is not None:
             self._meeting.unlink(missing_ok=True)
 
+    def look_at(self, other: Any) -> None:
+        """Begin anew if a task beside the first is lost, or has given up while the first one still waits for it."""
+        self.others.remove(other)
+        try:
+            gave_up = self._ray.get(other)
+        except self._ray.exceptions.RayError as error:
+            self._begin_anew(error)
+            return
+        if gave_up and not self._ray.wait([self.stream], timeout=ANSWER_SECONDS)[0]:
+            self._begin_anew(ClusterError(gave_up))
+
     def _raise_loss_of_others(self) -> None:
         """Raise what became of another task that is lost: what the first one then says is only that it is alone."""
-        ended, _ = (
-            self._ray.wait(self._others, num_returns=len(self._others), timeout=ANSWER_SECONDS)
-            if self._others
-            else ([], [])
-        )
-        self._ray.get(ended)
+        if self.others:
+            ended, _ = self._ray.wait(self.others, num_returns=len(self.others), timeout=ANSWER_SECONDS)
+            self._ray.get(ended)
 
     def _begin_anew(self, error: Exception) -> None:
         self._lost += 1
         if self._lost > RETRIES:
             raise ClusterError(_lost(error)) from error
+        old = [*self.others, self.stream]
         self.end()
+        # A worker that is still to be killed must not be given one of the new tasks.
+        self._ray.wait(old, num_returns=len(old), timeout=ANSWER_SECONDS)
         self.begin()
 
 
@@ -293,15 +310,16 @@ def _stream_at_home(home: _Home, payload: bytes, role: _Role) -> Iterator[bytes]
         yield pickle.dumps(Failure.of(error))
 
 
-def _follow_at_home(home: _Home, payload: bytes, role: _Role) -> None:
-    """Do a part of the work of a job. What goes wrong, the first of its tasks says, too."""
+def _follow_at_home(home: _Home, payload: bytes, role: _Role) -> str:
+    """Do a part of the work of a job; return why it was given up, or nothing. The first of its tasks says it, too."""
     try:
         home.enter()
         with role.played():
             for _ in pickle.loads(payload)():
                 pass
-    except Exception:
-        return
+    except Exception as error:
+        return Failure.of(error).summary
+    return ""
 
 
 def _opened(answer: bytes) -> Any:

@@ -146,8 +146,8 @@ def _data_blocks(results: TransitionResults, experiment: str) -> tuple[Block, ..
         share = data.segments[name].terminated_share_last_100
         if share is not None:
             sentences.append(
-                f"Of the last 100 episodes of the DQN of segment {name}, {percent(share, 0)} ended inside the task, "
-                "before the limit of time."
+                f"Of the last finished episodes of the DQN of segment {name}, at most 100, {percent(share, 0)} ended "
+                "inside the task, before the limit of time."
             )
     warnings = warning_paragraphs(data.imported) if data.imported else ()
     figure: Block | None = curves.learner_returns(results.learner, learners)

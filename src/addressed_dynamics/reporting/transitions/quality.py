@@ -154,9 +154,9 @@ def _finding_table(data: DataResult) -> Table:
     caption = (
         f"What may be wrong with the {data.transitions:,} transitions, how often, and where first. Each count is a "
         "share of all that were looked at: steps, episodes, values or parts of a range. Values are in the unit of "
-        f"their dimension, times in seconds. Whatever is not in the table was looked for and not found: {clock}"
-        "dimensions that are stuck, values out of bounds or far from all others, repeated transitions, and parts of a "
-        "range without data."
+        "their dimension, times in seconds. These were looked for, and what of them is not in the table was not "
+        f"found: {clock}dimensions that are stuck, values out of bounds or far from all others, repeated transitions, "
+        "and parts of a range without data."
     )
     return Table(caption, columns, tuple(_finding_row(finding) for finding in data.quality))
 

@@ -257,11 +257,11 @@ def segment_table(data: DataResult) -> Table:
     kept_whole = "Blocks and the episodes without any" if data.blocks and data.blocks.blocks else "Episodes"
     caption = f"What was recorded. {kept_whole} are kept whole when the data is split: {splits}."
     if learned:
-        columns.append(Column("ended inside the task, last 100"))
+        columns.append(Column("ended inside the task, at most the last 100"))
         for row, segment in zip(rows, data.segments.values(), strict=True):
             row.append(percent(segment.terminated_share_last_100, 0))
         caption += (
-            " An episode ends inside the task where its environment says `terminated`, as at a goal or after a fall; "
-            "the share is 0 by design where an environment never does."
+            " An episode ends inside the task where its environment says so (terminated), as at a goal or after a "
+            "fall; the share is 0 by design where an environment never does."
         )
     return Table(caption, tuple(columns), tuple(Row(tuple(row)) for row in rows))

@@ -28,6 +28,8 @@ SCORES = {
 }
 """Title of each score that may tell bad predictions from good ones."""
 KINDS = {"starts": "other starts", "behaviour": "another behaviour", "mechanics": "changed mechanics"}
+AS_ASKED = "as asked"
+"""Of a coverage that is about the share that was asked for."""
 SLACK = {1: 0.03}
 """By how much a coverage may miss what was asked, by the steps ahead."""
 MOST_DIMENSIONS = 6
@@ -173,6 +175,8 @@ def _coverage_sentence(coverage: tuple[CoverageRecord, ...]) -> str:
     parts = [f"{percent(each.of_all)} {_ahead(each.steps)}" for each in shown]
     narrow = [each for each in shown if _judged(each) == "too narrow"]
     end = "Read an interval as what it says."
+    if not narrow and any(_judged(each) != AS_ASKED for each in coverage):
+        end = "The table says where others are too narrow or too wide."
     if narrow:
         end = f"{listed([_ahead(each.steps).capitalize() for each in narrow])} they are too narrow: allow for more."
     return f"Of the true values, intervals of {percent(widest, 0)} hold {listed(parts)}. {end}"
@@ -234,7 +238,7 @@ def _judged(each: CoverageRecord) -> str:
     # Shares are read to a tenth of a per cent, and judged as they are read.
     off = round(each.of_all - each.asked, 6)
     if abs(off) <= SLACK.get(each.steps, MOST_SLACK):
-        return "as asked"
+        return AS_ASKED
     return "too narrow" if off < 0 else "too wide"
 
 

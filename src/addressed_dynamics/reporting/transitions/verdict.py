@@ -77,7 +77,7 @@ def _delivered(evaluation: Evaluation) -> str:
         )
         if own.horizon_seconds == best.horizon_seconds:
             whole = [f"{significant(each.rollout_percent, 2)} %" for each in (best, own)]
-            beside += f", and over whole rollouts {whole[1]} instead of {whole[0]}"
+            beside += f", and over whole rollouts {whole[0]}, where that has {whole[1]}"
     none_better = "" if found.beats_references else ", for no trained model is worth more"
     if why == "asked":
         return (

@@ -49,7 +49,7 @@ def trust_map(arrays: Arrays, features: FeatureSpec) -> Figure | None:
 
     caption = (
         "Where the model trusts itself: mean trust of the test transitions in a grid of "
-        f"{image.shape[1]} × {image.shape[0]} cells. Dark: where it knows least, and more data "
+        f"{image.shape[1]} × {image.shape[0]} cells. Near 0: where it knows least, and more data "
         "would help first. Blank: no test data."
     )
     alternative = f"Map of the mean trust over {first.name} and {second.name}"
