@@ -11,6 +11,7 @@ import statistics
 import tempfile
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -88,8 +89,8 @@ def main() -> None:
         seconds: dict[str, list[float]] = {name: [] for name in ("local", "ray", "local start", "ray start")}
         for _ in range(rounds):
             for engine in ("local", "ray"):
-                seconds[f"{engine} start"].append(timed(lambda engine=engine: start(engine)))  # type: ignore[misc] # a default binds it
-                seconds[engine].append(timed(lambda engine=engine: convert(engine, engine)))  # type: ignore[misc] # as above
+                seconds[f"{engine} start"].append(timed(partial(start, engine)))
+                seconds[engine].append(timed(partial(convert, engine, engine)))
         same = all(
             (folder / "ray" / path.relative_to(folder / "local")).read_bytes() == path.read_bytes()
             for path in (folder / "local").rglob("*.parquet")

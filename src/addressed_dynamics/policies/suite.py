@@ -177,7 +177,10 @@ def _learn_in_truth(
         autoreset_mode=AutoresetMode.SAME_STEP,
     )
     seeds = _seeds(params, CHECKED, params.check_episodes)
-    score = lambda policy: played(play_in_truth(environment, policy, seeds, params.episode_steps)).score  # noqa: E731
+
+    def score(policy: Policy) -> tuple[float, float]:
+        return played(play_in_truth(environment, policy, seeds, params.episode_steps)).score
+
     learned = _learn(copies, spaces, params, score, progress)
     copies.close()
     return learned

@@ -35,7 +35,7 @@ class ServedMotion(Served):
             **({} if origin is None or origin.variant is None else {"variant": origin.variant}),
         }
 
-    def answer(self, columns: Mapping[str, np.ndarray], settings: Mapping[str, float]) -> dict[str, np.ndarray]:  # noqa: ARG002
+    def answer(self, columns: Mapping[str, np.ndarray], settings: Mapping[str, float]) -> dict[str, np.ndarray]:  # noqa: ARG002 - a form for all
         """Return the outputs of frames.
 
         Raises:
