@@ -1,15 +1,22 @@
-"""The same work on many items at once, in worker processes that a Ctrl-C leaves no trace of."""
+"""The same work on many items at once, in worker processes that a Ctrl-C leaves no trace of.
+
+Worker processes are forked from one that has imported what this process had of the package when it started its first,
+and has done nothing else: to import PyTorch takes longer than many a piece of work.
+"""
 
 from __future__ import annotations
 
 import multiprocessing
 import pickle
 import signal
+import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import partial
+from multiprocessing import resource_tracker
+from multiprocessing.context import ForkServerContext
 from multiprocessing.process import BaseProcess
 from typing import Protocol, TypeVar
 
@@ -41,6 +48,31 @@ def death(exit_code: int | None) -> str:
             return f"ended by itself with exit status {exit_code}, which is a bug: what it wrote above says where"
 
 
+def worker_context() -> ForkServerContext:
+    """Return how worker processes are started."""
+    context = multiprocessing.get_context("forkserver")
+    package = __name__.partition(".")[0]
+    # Of no effect once the server runs.
+    context.set_forkserver_preload([name for name in list(sys.modules) if name.partition(".")[0] == package])
+    return context
+
+
+@contextmanager
+def deaf_to_interrupts() -> Iterator[None]:
+    """Start processes within this block: none of them hears Ctrl-C, which a terminal sends to every process.
+
+    This process alone decides then; each of the others would show a traceback. They begin with the signal blocked; for
+    this one it is only held back.
+    """
+    # The server of the workers needs the tracker, which unblocks the signal when it starts; so it has to run before.
+    resource_tracker.ensure_running()
+    previous = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, previous)
+
+
 @contextmanager
 def worker_processes(count: int) -> Iterator[OrderedMap]:
     """Yield a `map` that `count` worker processes carry out; with one, this process does it itself.
@@ -61,7 +93,7 @@ def worker_processes(count: int) -> Iterator[OrderedMap]:
     if count == 1:
         yield map
         return
-    pool = ProcessPoolExecutor(max_workers=count, mp_context=multiprocessing.get_context("spawn"))
+    pool = ProcessPoolExecutor(max_workers=count, mp_context=worker_context())
     others, workers = set(multiprocessing.active_children()), set[BaseProcess]()
 
     def map_in_pool(function: Callable[[Item], Result], items: Sequence[Item], /) -> Iterator[Result]:
@@ -107,10 +139,5 @@ def _signal_name(number: int) -> str:
 def _submit(
     pool: ProcessPoolExecutor, function: Callable[[Item], Result], items: Sequence[Item]
 ) -> list[Future[Result]]:
-    # A terminal sends Ctrl-C to every process. Workers begin with it blocked and so leave it to this process; each of
-    # them would show a traceback otherwise.
-    previous = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
+    with deaf_to_interrupts():
         return [pool.submit(function, item) for item in items]
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, previous)

@@ -3,18 +3,16 @@
 import multiprocessing
 import os
 import pickle
-import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
-from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
-from multiprocessing.context import SpawnProcess
+from multiprocessing.context import ForkServerProcess
 
 from addressed_dynamics.base.cluster import cluster_streams, engine
 from addressed_dynamics.base.errors import TrainingError
 from addressed_dynamics.base.failures import Failure
-from addressed_dynamics.base.processes import death
+from addressed_dynamics.base.processes import deaf_to_interrupts, death, worker_context
 from addressed_dynamics.base.torch_runtime import prepare_torch
 from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.training.epochs import Epoch
@@ -47,7 +45,7 @@ def run_jobs(jobs: Mapping[str, Job], *, processes: int, workers: int = 1) -> It
             for epoch in job():
                 yield name, epoch
         return
-    waiting, running = list(jobs.items()), dict[Connection, tuple[str, SpawnProcess]]()
+    waiting, running = list(jobs.items()), dict[Connection, tuple[str, ForkServerProcess]]()
     try:
         while waiting or running:
             while waiting and len(running) < processes:
@@ -76,19 +74,12 @@ def run_jobs(jobs: Mapping[str, Job], *, processes: int, workers: int = 1) -> It
             process.join()
 
 
-def _start(job: Job) -> tuple[Connection, SpawnProcess]:
-    context = multiprocessing.get_context("spawn")
+def _start(job: Job) -> tuple[Connection, ForkServerProcess]:
+    context = worker_context()
     receiver, sender = context.Pipe(duplex=False)
     process = context.Process(target=_work, args=(job, sender), daemon=True)
-    # Ctrl-C reaches every process of a terminal; the parent alone decides, or each worker would show a traceback. The
-    # worker begins with the signal blocked; for the parent it is only held back. The tracker, which the first worker
-    # needs, unblocks it when it starts, so it has to run before.
-    resource_tracker.ensure_running()
-    previous = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
+    with deaf_to_interrupts():
         process.start()
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, previous)
     sender.close()
     return receiver, process
 
