@@ -67,8 +67,10 @@ run: $(VENV)/installed
 	@git rev-parse --git-dir > /dev/null 2>&1 || { echo "error: DVC keeps its records in Git, and this folder is not a \
 	Git repository; clone it, or run 'git init' in it first" >&2; exit 1; }
 	@# The experiments side by side: DVC runs the stages of one 'dvc repro' in turn, and most keep one core busy. Each waits for the others' locks, which last seconds.
+	@# Of more than there are cores, the later ones take what the others leave: at the end of each a stage keeps one core alone.
 	@PATH="$(CURDIR)/$(BIN):$$PATH"; dvc status --quiet || \
-	    dvc stage list --name-only | grep '^report@' | xargs -P $(EXPERIMENTS) -n 1 dvc --wait-for-lock repro
+	    dvc stage list --name-only | grep '^report@' | awk '{ print (NR > $(JOBS) ? 10 : 0), $$0 }' | \
+	    xargs -P $(EXPERIMENTS) -L 1 sh -c 'exec nice -n "$$0" dvc --wait-for-lock repro "$$1"'
 	@$(BIN)/addressed-dynamics verdicts
 
 # The example is added to what the pipeline runs: named alone, it would take the other experiments' data out of the folder.
