@@ -1,11 +1,12 @@
 """What is in a wheel, and what an installation of it without extras can do."""
 
+import ast
 import re
 import subprocess
 import sys
 import tomllib
 import zipfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from importlib.metadata import PackageNotFoundError, distribution, packages_distributions
 from pathlib import Path
 
@@ -65,6 +66,32 @@ def test_a_project_from_a_wheel_is_that_of_a_checkout(wheel: Path, tmp_path: Pat
     assert Path(file).is_relative_to(tmp_path)
     assert not Path(other).is_relative_to(tmp_path)
     assert files == same
+
+
+def test_nothing_that_is_said_names_a_file_that_a_wheel_does_not_have() -> None:
+    named = {
+        f"{path.name}:{each.lineno}"
+        for path in (ROOT / "src").rglob("*.py")
+        for each in spoken(ast.parse(path.read_text(encoding="utf-8")))
+        if re.search(r"\b(docs|examples|benchmarks)/|'make ", str(each.value))
+    }
+    assert named == set()
+    packaged = [path for path in (ROOT / "src").rglob("templates/*") if path.is_file()]
+    assert packaged
+    assert not [path for path in packaged if "docs/" in path.read_text(encoding="utf-8")]
+
+
+def spoken(module: ast.Module) -> Iterator[ast.Constant]:
+    """Yield the texts of a module, without docstrings, but with those that a command prints as its help."""
+    silent = {id(each.value) for each in ast.walk(module) if isinstance(each, ast.Expr)}
+    for each in ast.walk(module):
+        if isinstance(each, ast.FunctionDef) and any(
+            "app.command" in ast.unparse(line) for line in each.decorator_list
+        ):
+            silent -= {id(line.value) for line in each.body[:1] if isinstance(line, ast.Expr)}
+    for each in ast.walk(module):
+        if isinstance(each, ast.Constant) and isinstance(each.value, str) and id(each) not in silent:
+            yield each
 
 
 def installed_with(requirements: Iterable[str]) -> set[str]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from addressed_dynamics.base.files import atomic_path
+from addressed_dynamics.base.files import atomic_path, write_text
 
 OLD, NEW = {"a.txt": "old", "b.txt": "old"}, {"a.txt": "new", "c.txt": "new"}
 
@@ -30,6 +30,14 @@ def found(folder: Path) -> dict[str, str]:
 def replace_folder(target: Path) -> None:
     with atomic_path(target) as temporary:
         fill(temporary, NEW)
+
+
+def test_no_file_takes_the_place_of_a_folder(tmp_path: Path) -> None:
+    fill(tmp_path / "data", OLD)
+    with pytest.raises(IsADirectoryError, match="data"):
+        write_text(tmp_path / "data", "page")
+    assert found(tmp_path / "data") == OLD
+    assert [each.name for each in tmp_path.iterdir()] == ["data"]
 
 
 def die_at(step: int, patches: pytest.MonkeyPatch) -> None:

@@ -72,12 +72,22 @@ def test_nothing_is_cut_in_a_terminal_of_any_width(width: int) -> None:
 
 
 @pytest.mark.usefixtures("project")
-@pytest.mark.parametrize("arguments", [("nothing",), ("HEAD", "nothing"), ("HEAD", "--experiment", "plane")])
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("nothing",),
+        ("HEAD", "nothing"),
+        ("HEAD", "--experiment", "plane"),
+        ("HEAD", "-o", "data"),
+        ("HEAD", "-o", "/proc/page.html"),
+    ],
+)
 def test_what_is_not_there_is_one_line_and_a_status(run: Any, arguments: tuple[str, ...]) -> None:
     status, out, err = run(*arguments)
     assert (status, out) == (1, "")
     assert err.startswith("error: ")
     assert err.count("\n") == 1
+    assert Path("data").is_dir()
 
 
 def test_a_folder_without_git_is_one_line_and_a_status(

@@ -35,6 +35,8 @@ def test_a_file_that_names_no_kind_is_asked_for_it(tmp_path: Path) -> None:
     file.write_text("walk: {title: Walk}\n")
     with pytest.raises(ParamsError, match="does not say of which kind 'walk' is; say it with --kind"):
         list(params_lines(file, "walk", None))
+    with pytest.raises(ParamsError, match=r"there is no experiment 'foo' in it \(experiments there: walk\)"):
+        list(params_lines(file, "foo", None))
     done = CliRunner().invoke(app, ["params", "walk", "--params", str(file), "--kind", "motion"])
     assert done.exit_code == 0
     assert done.stdout.startswith('walk:\n  title: "Walk"\n')

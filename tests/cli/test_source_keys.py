@@ -17,7 +17,9 @@ KINDS = TypeAdapter(SourceParams).json_schema()["discriminator"]["mapping"]
 
 
 def test_the_reference_in_the_repository_is_what_the_classes_make() -> None:
-    assert REFERENCE.read_text(encoding="utf-8") == source_keys(), f"source.py has changed; run: {COMMAND}"
+    assert REFERENCE.read_text(encoding="utf-8") == source_keys(), (
+        f"source.py has changed; run: {COMMAND} > {REFERENCE}"
+    )
 
 
 def test_the_command_prints_the_reference() -> None:

@@ -64,6 +64,15 @@ def test_nothing_is_called_better_where_other_episodes_could_turn_it_round(proje
     assert "lower" not in found.verdict
 
 
+def test_the_same_twice_is_said_to_be_the_same_once(project: Path) -> None:
+    assert project.is_dir()
+    for name in ("HEAD", "workspace"):
+        (found,) = compare_all(name, name)
+        assert found.notes[0] == "A and B are the same, so nothing can differ"
+        assert len(found.notes) == len(set(found.notes))
+        assert (found.params, found.data, found.code) == ((), (), ())
+
+
 def test_on_other_data_the_interval_is_unpaired_and_says_so(project: Path) -> None:
     write_results(project, tables="t2", arrays=errors_by_episode(0.49))
     commit(project, "Record more")

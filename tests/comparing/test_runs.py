@@ -1,4 +1,5 @@
 import json
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -9,6 +10,7 @@ from addressed_dynamics import tracking
 from addressed_dynamics.base.errors import TrackingError
 from addressed_dynamics.comparing.asking import compare_all
 from addressed_dynamics.comparing.versions import ComparisonError
+from addressed_dynamics.tracking.kept import find_run
 
 
 def track(root: Path, name: str, epochs: int, factor: float, experiment: str = "car") -> str:
@@ -48,6 +50,26 @@ def test_two_runs_are_compared_in_params_metrics_and_errors_by_episode() -> None
 def test_runs_of_different_experiments_are_an_error() -> None:
     with pytest.raises(ComparisonError, match="first is of the experiment 'car', other of 'cart'"):
         compare_all("first", "other")
+
+
+@pytest.mark.usefixtures("store")
+def test_a_run_is_found_by_its_name_whatever_quotes_are_in_it() -> None:
+    for name in ('with "two"', "with 'one'", "with \"two\" and 'one'"):
+        assert find_run(name) is None
+        with tracking.run(stage="train_ensemble", experiment="quotes", name=name, params={"rate": 1}):
+            pass
+        found = find_run(name)
+        assert found is not None
+        assert found.name == name
+
+
+@pytest.mark.usefixtures("store")
+def test_without_mlflow_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "mlflow", None)
+    with pytest.raises(
+        TrackingError, match=r"^first: no revision .* needs 'mlflow': pip install 'addr.*\[pipeline\]'$"
+    ):
+        compare_all("first", "second")
 
 
 @pytest.mark.usefixtures("store")

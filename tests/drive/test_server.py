@@ -183,6 +183,21 @@ def test_a_page_that_leaves_while_it_records_leaves_a_complete_log(tmp_path: Pat
     assert len(read_log(log).transitions) >= 3
 
 
+def test_a_page_that_does_not_answer_holds_up_no_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def never(*_: Any, **_given: Any) -> None:
+        await asyncio.Event().wait()
+
+    async def use(here: Here) -> None:
+        page, other = await here.page(), await here.page()
+        for each in (page, other):
+            await heard(each, "frame")
+        monkeypatch.setattr(server.web.WebSocketResponse, "close", never)
+        await asyncio.wait_for(here.running.app.shutdown(), timeout=20)
+        monkeypatch.undo()
+
+    with_server(tmp_path, use)
+
+
 def test_a_drive_that_cannot_begin_says_why(tmp_path: Path) -> None:
     def refuse(_page: int) -> Any:
         raise DriveError("the environment is gone")

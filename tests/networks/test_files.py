@@ -175,13 +175,13 @@ def test_a_config_that_describes_no_network_is_refused(folder: Path, keys: tuple
 @pytest.mark.parametrize("value", [0, 2, "1"])
 def test_a_folder_of_another_format_is_refused(folder: Path, value: Any) -> None:
     rewrite_config(folder, "format", value=value)
-    assert "format 1 expected" in refusal(folder)
+    assert f"format 1 expected, but it is of format {value!r}; " in refusal(folder)
 
 
 @pytest.mark.parametrize("text", ["[1, 2]", '"model"', "3"])
 def test_json_that_is_no_config_is_refused(folder: Path, text: str) -> None:
     (folder / "config.json").write_text(text)
-    assert "format 1 expected" in refusal(folder)
+    assert "format 1 expected, but it holds " in refusal(folder)
 
 
 def test_a_folder_in_the_place_of_a_file_is_refused(folder: Path) -> None:

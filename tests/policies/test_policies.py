@@ -100,9 +100,15 @@ def test_what_is_no_state_is_refused_in_a_line() -> None:
         assert "\n" not in str(error.value)
 
 
-def test_a_folder_without_a_policy_says_what_to_do(tmp_path: Path) -> None:
-    with pytest.raises(ModelError, match=r"dvc repro train_policy@car"):
-        load_policy(tmp_path / "car")
+def test_a_folder_without_a_policy_says_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "data" / "policies" / "boat").mkdir(parents=True)
+    Path("params.yaml").write_text("experiments: {car: {kind: transitions, raw: data/raw/car}}\n")
+    with pytest.raises(ModelError, match=r"car: there is no such folder of a policy; 'dvc repro train_policy@car'"):
+        load_policy("data/policies/car")
+    known = r"nope: there is no such folder of a policy \(experiments of params\.yaml: car; in data/policies: boat\)"
+    with pytest.raises(ModelError, match=known):
+        load_policy("nope")
     folder = tmp_path / "room"
     write_outcome(folder, None)
     with pytest.raises(ModelError, match="asks for no policy"):

@@ -140,6 +140,16 @@ def test_what_an_exporter_raises_is_one_line(tmp_path: Path, monkeypatch: pytest
     assert not (tmp_path / "step.pt2").exists()
 
 
+def test_a_full_disk_is_said_of_the_file_that_was_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(_subject: Any, path: Path) -> None:
+        raise OSError(28, "No space left on device", str(path))
+
+    folder = write_model(tmp_path / "model", untrained_model(drive()))
+    monkeypatch.setattr(exporting, "_write_program", full)
+    with pytest.raises(ModelError, match=rf"^{tmp_path}/step\.pt2: not written \(No space left on device\)$"):
+        export_model(folder, tmp_path / "step.pt2")
+
+
 def test_a_missing_package_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = write_model(tmp_path / "model", untrained_model(drive()))
     monkeypatch.setattr(exporting, "find_spec", lambda name: None if name == "onnxscript" else True)
@@ -150,10 +160,25 @@ def test_a_missing_package_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["nowhere", "-o", "x.onnx"], "neither an experiment with models 'nowhere' nor a folder"),
-        (["model", "-o", "x.bin"], "there is no format 'bin' (formats: onnx, pt2)"),
-        (["model", "-o", "none/x.pt2"], "name a file in a folder that is there"),
-        (["model", "-o", "x.pt2", "--mode", "sample"], "a model that draws its members cannot be kept"),
+        (
+            ["nowhere", "-o", "x.onnx"],
+            "neither an experiment 'nowhere' nor a folder of that name (in data/models: none)",
+        ),
+        (["", "-o", "x.onnx"], "neither an experiment '' nor a folder"),
+        (["model", "-o", "x.bin"], "x.bin: its name does not end in .onnx or .pt2; let it, or name the format: onnx"),
+        (
+            ["model", "-o", "x.pt2", "--format", "onnx"],
+            "x.pt2: it is called as a file of format pt2, but is to be of onnx",
+        ),
+        (["model", "-o", "x.pt2", "--format", "bin"], "there is no format 'bin'; formats are onnx or pt2"),
+        (["model", "-o", "none/x.pt2"], "none/x.pt2: there is no folder none; make it"),
+        (
+            ["model", "-o", "model", "--format", "pt2"],
+            "model: this is a folder; name a file in it, for instance model/mo",
+        ),
+        (["model", "-o", ""], ".: this is a folder"),
+        (["model", "-o", "/proc/x.pt2"], "/proc/x.pt2: it cannot be written (No such file or directory)"),
+        (["model", "-o", "x.pt2", "--mode", "sample"], "is no function; take another mode (argmax, mixture, blend)"),
         (["model", "-o", "x.pt2", "--mode", "average"], "there is no addressing mode 'average'"),
         (["model", "-o", "x.pt2", "--candidate", "linear"], "this is one saved model"),
     ],

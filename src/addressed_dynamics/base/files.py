@@ -1,9 +1,11 @@
 """Files that appear whole or not at all: written under a temporary name, then renamed."""
 
 import csv
+import errno
 import json
 import os
 import shutil
+import tempfile
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -20,6 +22,9 @@ def atomic_path(target: Path) -> Iterator[Path]:
     The temporary path may become a file or a folder, whichever the block makes of it. A folder that is replaced is set
     aside first and removed last. So at any moment there is a whole one, under the name of `target` or set aside; if
     this was interrupted in between, the next call for the same target puts back what it finds set aside.
+
+    Raises:
+        IsADirectoryError: a file would take the place of a folder, whose contents it would cost.
     """
     target.parent.mkdir(parents=True, exist_ok=True)
     temporary = target.with_name(f".{target.name}.{os.getpid()}.partial")
@@ -28,11 +33,34 @@ def atomic_path(target: Path) -> Iterator[Path]:
     try:
         yield temporary
         if target.is_dir():
+            if temporary.is_file():
+                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(target))
             target.rename(_set_aside(target))
         temporary.replace(target)
     finally:
         _restore(target)
         _remove(temporary)
+
+
+def why_not_file(target: Path) -> str | None:
+    """Return why `target` cannot become a file, for an error; None if it can: to be asked before long work for it.
+
+    It is tried, with a file that nobody sees; folders that are not there are not made.
+    """
+    if target.is_dir():
+        return "it is a folder; name a file"
+    return why_not_folder(target.parent)
+
+
+def why_not_folder(folder: Path) -> str | None:
+    """Return why nothing can be written into `folder`, which may be to be made; None if something can."""
+    there = next(each for each in (folder, *folder.parents) if each.exists())
+    try:
+        with tempfile.TemporaryFile(dir=there):
+            return None
+    except OSError as error:
+        where = "" if there == folder else f"{there}: "
+        return f"it cannot be written ({where}{error.strerror})"
 
 
 def write_text(target: Path, text: str) -> None:

@@ -6,6 +6,7 @@ import secrets
 from pathlib import Path
 
 from addressed_dynamics.base.errors import DriveError
+from addressed_dynamics.base.files import why_not_folder
 from addressed_dynamics.drive.finding import Named, find
 from addressed_dynamics.drive.motion import DrivenMotion
 from addressed_dynamics.drive.transitions import DrivenWorld
@@ -18,7 +19,7 @@ STARTS = 2**32
 
 def drive_in_page(
     name: str,
-    params: Path,
+    params: Path | None,
     *,
     port: int | None,
     candidate: str | None,
@@ -30,7 +31,7 @@ def drive_in_page(
 
     Args:
         name: an experiment, or a model folder.
-        params: the params file, which may not be there.
+        params: the params file; None for the project's, if there is one.
         port: where to serve it; None for the usual one.
         candidate: which of the models; None for what is delivered.
         environment: Gymnasium identifier of what is modelled; None to look for it.
@@ -38,7 +39,9 @@ def drive_in_page(
         seed: of the first start of the first page; None for one by chance.
 
     Raises:
-        DriveError: there is nothing of that name, aiohttp is missing, or the port is in use.
+        DriveError: there is nothing of that name, the folder for recordings cannot be written, aiohttp is missing, or
+            the port is in use.
+        ParamsError: the params file is not there, or does not have the experiment.
         ModelError: a model is missing or damaged, or of a version that this one does not read.
     """
     try:
@@ -48,6 +51,9 @@ def drive_in_page(
             raise
         message = "'drive' needs aiohttp, which is not installed: pip install 'addressed-dynamics[drive]'"
         raise DriveError(message) from error
+    if record_to is not None and (problem := why_not_folder(record_to)) is not None:
+        message = f"--record-to {record_to}: {problem}; name another folder"
+        raise DriveError(message)
     named = find(name, params, candidate)
     driven = _load(named, candidate, environment)
     folder = record_to or RECORDINGS / named.folder.resolve().name

@@ -1,5 +1,7 @@
 """The command line, for what is not a stage of the pipeline."""
 
+import atexit
+import gc
 import json
 import sys
 from importlib.metadata import version
@@ -47,6 +49,8 @@ app = typer.Typer(
 
 def main() -> None:
     """Run the command line; an error is one line on stderr and exit status 1, Ctrl-C is exit status 130."""
+    # Else Python's last search for garbage goes through all of PyTorch, for most of a second.
+    atexit.register(gc.freeze)
     try:
         app()
     except AddressedDynamicsError as error:
@@ -224,13 +228,13 @@ def params(
 
 @app.command("source-keys")
 def print_source_keys() -> None:
-    """Print what the section `source` of an experiment may have: every key of every kind, as docs/source-keys.md."""
+    """Print what the section `source` of an experiment may have: every key of every kind, in Markdown."""
     print(source_keys(), end="")
 
 
 @app.command()
 def trust(
-    models: Annotated[Path, typer.Argument(metavar="MODELS", help="Models of an experiment: data/models/NAME.")],
+    name: Annotated[str, typer.Argument(metavar="NAME", help="An experiment with models, or a model folder.")],
     logs: Annotated[Path, typer.Argument(metavar="LOGS", help="Logs or tables of transitions, or a folder of them.")],
     candidate: Annotated[str | None, typer.Option(help="Which model; the delivered one by default.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document instead of a table.")] = False,
@@ -238,8 +242,9 @@ def trust(
     """Say how far a model is to be trusted on logs, and whether what they record is still what was modelled."""
     # PyTorch takes a second to import, and no other command needs it.
     from addressed_dynamics.cli.judging_logs import judge_logs, trust_view
+    from addressed_dynamics.simulators.delivery import find_models
 
-    found = judge_logs(models, logs, candidate)
+    found = judge_logs(find_models(name), logs, candidate)
     if as_json:
         print(json.dumps({"episodes": [each.to_json() for each in found]}, indent=2))
     else:
@@ -263,8 +268,9 @@ def export(
     from addressed_dynamics.simulators.delivery import find_models
     from addressed_dynamics.simulators.exporting import export_model
 
-    wanted = output.suffix.removeprefix(".") if file_format is None else file_format
-    done = export_model(find_models(name), output, wanted, candidate=candidate, seed=seed, variant=variant, mode=mode)
+    done = export_model(
+        find_models(name), output, file_format, candidate=candidate, seed=seed, variant=variant, mode=mode
+    )
     shapes = ", ".join(f"{each} ({', '.join(shape)})" for each, shape in done.inputs.items())
     print(f"{done.path}: {shapes}; B is the batch")
     print(f"for {done.rows:,} inputs it differs from predict by at most {done.difference:.1e} of the range")
@@ -288,8 +294,10 @@ def compare(
     """Say what differs between two versions of experiments: params, data, code and figures, with intervals."""
     from addressed_dynamics.cli.compare_view import comparison_view
     from addressed_dynamics.comparing.asking import compare_all
-    from addressed_dynamics.comparing.page import write_page
+    from addressed_dynamics.comparing.page import check_page, write_page
 
+    if output is not None:
+        check_page(output)
     found = compare_all(first, second, experiment or ())
     if output is not None:
         write_page(found, output)
@@ -338,7 +346,12 @@ def drive(
     seed: Annotated[
         int | None, typer.Option(min=0, max=2**32, help="Of the first start; by chance by default.")
     ] = None,
-    file: Annotated[Path, typer.Option("--params", help="The params file.")] = Path("params.yaml"),
+    file: Annotated[
+        Path | None,
+        typer.Option(
+            "--params", metavar="FILE", help="The params file that has the experiment; params.yaml if there is one."
+        ),
+    ] = None,
 ) -> None:
     """Drive a model by hand in a page on 127.0.0.1, beside the truth where there is an environment, until Ctrl-C."""
     # PyTorch and aiohttp take seconds to import, and no other command needs both.

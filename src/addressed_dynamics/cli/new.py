@@ -217,7 +217,7 @@ def _section_lines(name: str, origin: Iterable[str], lengths: Sequence[int], *, 
     yield f"convert: {{{', '.join(convert)}}}{' # in time, for there are few episodes' if few else ''}"
     yield "features: {history: auto} # frames that a network is given: chosen on validation"
     if sum(lengths) < SMALL:
-        yield "ensemble: # for few and noisy data: docs/decisions/0017-small-data.md"
+        yield f"ensemble: # for few and noisy data; 'addressed-dynamics params {name}' says what each key means"
         yield from (f"  {line}" for line in SMALL_ENSEMBLE)
         yield "addressing: {hidden: 64-64, epochs: 30}"
         yield "baselines: {addressing: {hidden: 64-64}}"

@@ -9,7 +9,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from addressed_dynamics.base.errors import ParamsError
-from addressed_dynamics.base.params.experiments import load_experiment, load_kind
+from addressed_dynamics.base.params.experiments import check_section, load_experiment, load_kind
 
 WIDTH = 120
 """Columns of a line; what a key means stands above it."""
@@ -23,6 +23,7 @@ def params_lines(path: Path, experiment: str, kind: str | None) -> Iterator[str]
     """
     known = kind or load_kind(path, experiment)
     if known is None:
+        check_section(path, experiment)
         message = f"{path}: 'experiments' in it does not say of which kind '{experiment}' is; say it with --kind"
         raise ParamsError(message)
     yield f"{experiment}:"

@@ -14,7 +14,7 @@ from ruamel.yaml import YAML
 from addressed_dynamics.base.params import source
 from addressed_dynamics.base.params.sections import CHOOSERS
 
-COMMAND = "addressed-dynamics source-keys > docs/source-keys.md"
+COMMAND = "addressed-dynamics source-keys"
 """What writes the reference."""
 Schema = Mapping[str, Any]
 

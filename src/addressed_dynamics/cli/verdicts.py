@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from addressed_dynamics.base.errors import ParamsError
-from addressed_dynamics.base.params.experiments import parse_params
+from addressed_dynamics.base.params.experiments import experiment_names
 
 REPORTS = Path("data") / "reports"
 """Folder of the reports, beside the params file."""
@@ -22,7 +22,7 @@ def verdict_lines(params_file: Path, wanted: Sequence[str] = ()) -> Iterator[str
     Raises:
         ParamsError: the params file is missing or is not YAML, or names no experiments, or not one of those wanted.
     """
-    names = _experiments(params_file)
+    names = experiment_names(params_file)
     if not names:
         message = f"{params_file}: there are no experiments in it; 'addressed-dynamics new NAME LOGS' makes one"
         raise ParamsError(message)
@@ -36,13 +36,3 @@ def verdict_lines(params_file: Path, wanted: Sequence[str] = ()) -> Iterator[str
             yield f"{name}: {' '.join(verdict.read_text(encoding='utf-8').split())} {report}"
         else:
             yield f"{name}: no report yet; 'dvc repro report@{name}' makes it"
-
-
-def _experiments(params_file: Path) -> list[str]:
-    try:
-        text = params_file.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        message = f"{params_file}: the params file cannot be read ({error})"
-        raise ParamsError(message) from error
-    entries = parse_params(params_file, text).get("experiments")
-    return list(entries) if isinstance(entries, dict) else []

@@ -125,7 +125,8 @@ def compare(first: Version, second: Version) -> Comparison:
             "two of the same experiment can be compared"
         )
         raise ComparisonError(message)
-    notes = [f"{each.name}: {note}" for each in (first, second) for note in each.notes]
+    notes = ["A and B are the same, so nothing can differ"] if first.what == second.what else []
+    notes += [f"{each.name}: {note}" for each in (first, second) for note in each.notes]
     notes += [
         f"{each.name}: {_why_no_interval(each.evaluation)}"
         for each in (first, second)
@@ -140,7 +141,7 @@ def compare(first: Version, second: Version) -> Comparison:
         tuple(_changes(first.figures, second.figures, all_of_them=True)) + tuple(_of_evaluations(first, second)),
         tuple(_recommended(first, second)),
         tuple(_of_candidates(first, second)),
-        tuple(notes),
+        tuple(dict.fromkeys(notes)),
     )
 
 

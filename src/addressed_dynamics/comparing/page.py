@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from addressed_dynamics.base.files import write_text
+from addressed_dynamics.base.files import why_not_file, write_text
 from addressed_dynamics.comparing.comparison import Change, Comparison, ErrorChange
+from addressed_dynamics.comparing.versions import ComparisonError
 from addressed_dynamics.comparing.words import interval_words, shown, times
 from addressed_dynamics.evaluation.common.bootstrap import COVERAGE, DRAWS
 from addressed_dynamics.reporting.common.blocks import Block, Column, Facts, Report, Row, Section, Table, Text
@@ -22,13 +23,28 @@ HOW = (
 """What the intervals are."""
 
 
+def check_page(path: Path) -> None:
+    """Check that a page can be written there: to be asked before the comparison, which takes a while.
+
+    Raises:
+        ComparisonError: it cannot.
+    """
+    if (problem := why_not_file(path)) is not None:
+        message = f"{path}: {problem}"
+        raise ComparisonError(message)
+
+
 def write_page(comparisons: Sequence[Comparison], path: Path) -> None:
     """Write the comparisons into an HTML file that loads nothing from elsewhere.
 
     Raises:
-        OSError: the file cannot be written.
+        ComparisonError: the file cannot be written.
     """
-    write_text(path, render_html(page(comparisons)))
+    try:
+        write_text(path, render_html(page(comparisons)))
+    except OSError as error:
+        message = f"{path}: the comparison cannot be written ({error.strerror or error})"
+        raise ComparisonError(message) from error
 
 
 def page(comparisons: Sequence[Comparison]) -> Report:

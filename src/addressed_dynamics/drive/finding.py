@@ -10,7 +10,7 @@ from typing import Any
 import gymnasium
 
 from addressed_dynamics.base.errors import DriveError, ModelError, ParamsError, RecordingError, SpaceError
-from addressed_dynamics.base.params.experiments import load_experiment, load_kind
+from addressed_dynamics.base.params.experiments import PARAMS, check_section, load_experiment, load_kind
 from addressed_dynamics.base.params.recording import EnvironmentParams
 from addressed_dynamics.envs import ACROBOT, CONTINUING_MOUNTAIN_CAR
 from addressed_dynamics.episodes.transitions import DiscreteAction, SpaceSpec
@@ -41,34 +41,45 @@ class Named:
     """The published network that the experiment's params name."""
 
 
-def find(name: str, params: Path, candidate: str | None = None, models: Path = MODELS) -> Named:
+def find(name: str, params: Path | None = None, candidate: str | None = None, models: Path = MODELS) -> Named:
     """Return what is meant by the name of an experiment, or by a model folder.
 
     Args:
         name: either; a name without a slash is that of an experiment if it has models.
-        params: the params file that may say what an experiment was recorded in; it need not be there.
+        params: the params file that says what the experiment was recorded in, which has to have a section of that
+            name, or of the folder's; None for the project's if it is there and says something of the experiment.
         candidate: which of the models; None for what is delivered.
         models: where the models of experiments are.
 
     Raises:
         DriveError: there is nothing of that name.
         ModelError: what is there is no model folder, or it has no such candidate.
+        ParamsError: the params file is not there, is not YAML or has something else under that name.
     """
     try:
-        folder = find_models(name, models)
+        folder = find_models(name, models, params or PARAMS)
     except ModelError as error:
         raise DriveError(str(error)) from error
     features = read_index(find_parts(folder, candidate, None, None).network, "config.json").get("features")
     kind = str(features.get("kind", "transitions")) if isinstance(features, dict) else "transitions"
-    experiment = folder != Path(name)
-    if not (experiment and params.is_file() and load_kind(params, name) == kind):
-        return Named(folder, folder.resolve().name, kind)
-    section = _section(params, name, kind)
-    title = section.title or name
+    experiment, file = folder.resolve().name, params or PARAMS
+    if params is not None:
+        _check_kind(params, experiment, kind, folder)
+    elif folder == Path(name) or not file.is_file() or load_kind(file, experiment) != kind:
+        return Named(folder, experiment, kind)
+    section = _section(file, experiment, kind)
+    title = section.title or experiment
     if kind == "motion":
         released = section.evaluation.released
         return Named(folder, title, kind, released=None if released is None else Path(released))
     return Named(folder, title, kind, tuple(_environments(section)))
+
+
+def _check_kind(params: Path, experiment: str, kind: str, folder: Path) -> None:
+    check_section(params, experiment)
+    if (found := load_kind(params, experiment)) not in (None, kind):
+        message = f"{params}: '{experiment}' is of {found} there, but {folder} is a model of {kind}; name another file"
+        raise ParamsError(message)
 
 
 def _section(params: Path, name: str, kind: str) -> Any:

@@ -7,6 +7,7 @@ import errno
 import json
 import signal
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from importlib.resources import files
 from pathlib import Path
 from typing import NoReturn
@@ -26,6 +27,8 @@ LONGEST_MESSAGE = 64 * 1024
 """Bytes of a message that is still read."""
 HEARTBEAT_SECONDS = 20.0
 MOST_LATE_SECONDS = 0.1
+FAREWELL_SECONDS = 0.1
+"""So long a page may take to answer that the server ends; those here take milliseconds."""
 TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
 PALETTE = "palette.css"
 """Colours and fonts, which are those of the report; the file is kept with its templates."""
@@ -128,7 +131,12 @@ class DriveServer:
             self._tell(f"the page has left; what it recorded is in {log}")
 
     async def _leave(self, _application: web.Application) -> None:
-        for socket in list(self._sockets):
+        await asyncio.gather(*map(_take_leave, self._sockets))
+
+
+async def _take_leave(socket: web.WebSocketResponse) -> None:
+    with suppress(TimeoutError):
+        async with asyncio.timeout(FAREWELL_SECONDS):
             await socket.close(code=WSCloseCode.GOING_AWAY, message=b"the server was stopped")
 
 

@@ -1,6 +1,7 @@
 """A network's folder: weights.safetensors and config.json. No pickles: loading runs no code."""
 
 import json
+import reprlib
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -176,6 +177,7 @@ def _read_config(path: Path) -> dict[str, Any]:
         message = f"{path}: damaged ({error}); 'dvc checkout --force' or 'dvc repro' brings it back"
         raise ModelError(message) from error
     if not isinstance(value, dict) or value.get("format", FORMAT) != FORMAT:
-        message = f"{path}: format {FORMAT} expected, but it is of another; train the model with this version"
+        found = f"is of format {value['format']!r}" if isinstance(value, dict) else f"holds {reprlib.repr(value)}"
+        message = f"{path}: format {FORMAT} expected, but it {found}; 'dvc repro' makes it anew, of this version"
         raise ModelError(message)
     return value

@@ -13,11 +13,15 @@ from safetensors import SafetensorError
 
 from addressed_dynamics.base.errors import ModelError, TransitionsError
 from addressed_dynamics.base.files import write_json
+from addressed_dynamics.base.params.experiments import known_experiments
 from addressed_dynamics.episodes.transitions import DiscreteAction, SpaceSpec
 from addressed_dynamics.networks.files import read_index
 from addressed_dynamics.policies.records import INDEX
 from addressed_dynamics.simulators.arrays import Values, as_tensor, finite
+from addressed_dynamics.simulators.delivery import known_words
 
+POLICIES = Path("data/policies")
+"""Where the pipeline keeps the policies of experiments."""
 WEIGHTS = "weights.safetensors"
 FORMAT = 1
 """Version of the folder's layout."""
@@ -109,7 +113,8 @@ def load_policy(folder: str | Path) -> Policy:
     home = Path(folder)
     again = f"'dvc repro train_policy@{home.name}' writes it"
     if not home.is_dir():
-        message = f"{home}: there is no such folder of a policy; {again}"
+        how = f"; {again}" if home.name in known_experiments() else f" ({known_words(POLICIES)})"
+        message = f"{home}: there is no such folder of a policy{how}"
         raise ModelError(message)
     index = read_index(home, INDEX)
     if index.get("policy") is None:

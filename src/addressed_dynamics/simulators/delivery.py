@@ -9,6 +9,7 @@ from typing import Literal, get_args
 
 from addressed_dynamics.base.errors import ModelError
 from addressed_dynamics.base.files import write_json
+from addressed_dynamics.base.params.experiments import PARAMS, known_experiments
 from addressed_dynamics.base.params.training import Trained
 from addressed_dynamics.networks.files import addressed_folders, read_index
 from addressed_dynamics.training.baselines import OTHER_RECIPE
@@ -156,22 +157,33 @@ def _age(folder: Path) -> str:
     return ""
 
 
-def find_models(name: str, models: Path = MODELS) -> Path:
+def find_models(name: str, models: Path = MODELS, params: Path = PARAMS) -> Path:
     """Return the folder that is meant by the name of an experiment with models, or by a folder.
+
+    Args:
+        name: either.
+        models: where the models of experiments are.
+        params: the params file that says which experiments there are; it need not be there.
 
     Raises:
         ModelError: there is neither.
     """
     if len(Path(name).parts) == 1 and (models / name).is_dir():
         return models / name
-    if Path(name).is_dir():
+    if name and Path(name).is_dir():
         return Path(name)
-    known = ", ".join(sorted(path.name for path in models.iterdir() if path.is_dir())) if models.is_dir() else ""
-    message = (
-        f"there is neither an experiment with models '{name}' nor a folder of that name "
-        f"(experiments with models in {models}: {known or 'none'}); 'dvc repro evaluate@{name}' makes them"
-    )
+    if name in known_experiments(params):
+        message = f"the experiment '{name}' has no models yet; 'dvc repro evaluate@{name}' makes them"
+    else:
+        message = f"there is neither an experiment '{name}' nor a folder of that name ({known_words(models, params)})"
     raise ModelError(message)
+
+
+def known_words(folder: Path, params: Path = PARAMS) -> str:
+    """Say which experiments there are: of a params file, if it is there, and those that have something in a folder."""
+    named = f"experiments of {params}: {', '.join(known_experiments(params)) or 'none'}; " if params.is_file() else ""
+    made = ", ".join(sorted(path.name for path in folder.iterdir() if path.is_dir())) if folder.is_dir() else ""
+    return f"{named}in {folder}: {made or 'none'}"
 
 
 def find_parts(folder: Path, candidate: str | None, seed: int | None, variant: str | None) -> Parts:
@@ -189,7 +201,9 @@ def find_parts(folder: Path, candidate: str | None, seed: int | None, variant: s
             the folder of one model.
     """
     if not folder.is_dir():
-        message = f"{folder}: no such model folder; 'dvc repro' trains it, 'dvc checkout' brings it back"
+        how = f"; 'dvc repro evaluate@{folder.name}' makes it, 'dvc checkout' brings it back"
+        known = folder.name in known_experiments()
+        message = f"{folder}: no such model folder{how if known else f' ({known_words(MODELS)})'}"
         raise ModelError(message)
     if (folder / "network").is_dir():
         asked = {"candidate": candidate, "seed": seed, "variant": variant}

@@ -19,7 +19,7 @@ from jaxtyping import Float32
 from torch import Tensor, nn
 
 from addressed_dynamics.base.errors import ModelError
-from addressed_dynamics.base.files import atomic_path
+from addressed_dynamics.base.files import atomic_path, why_not_file
 from addressed_dynamics.episodes.layout import INPUT, OUTPUT
 from addressed_dynamics.episodes.transitions import DiscreteAction
 from addressed_dynamics.features.transitions.spec import FeatureSpec
@@ -71,7 +71,7 @@ class _Subject:
 def export_model(
     folder: Path,
     target: Path,
-    file_format: str,
+    file_format: str | None = None,
     *,
     candidate: str | None = None,
     seed: int | None = None,
@@ -85,32 +85,30 @@ def export_model(
     Args:
         folder: an experiment's models, or one saved model.
         target: the file.
-        file_format: `onnx`, or `pt2` for what `torch.export.load` reads.
+        file_format: `onnx`, or `pt2` for what `torch.export.load` reads; None for what the file's name says.
         candidate: which of the models; these four as in `AddressedDynamics.load`.
         seed: which of its seeds.
         variant: which of its addressing networks.
         mode: how it uses its members.
 
     Raises:
-        ModelError: there is no such model, mode or format, the mode draws at random, a package is missing, or what was
-            written does not do as `predict` does.
+        ModelError: there is no such model, mode or format, the file's name is that of another format or it cannot be
+            written, the mode draws at random, a package is missing, or what was written does not do as `predict` does.
     """
-    if file_format not in FORMATS:
-        message = f"there is no format '{file_format}' (formats: {', '.join(FORMATS)}); name one: --format onnx"
-        raise ModelError(message)
-    if target.is_dir() or not target.parent.is_dir():
-        message = f"{target}: name a file in a folder that is there"
-        raise ModelError(message)
+    wanted = _format(target, file_format)
     subject = _subject(folder, candidate, seed, variant, mode)
     with atomic_path(target) as temporary, _quiet():
         try:
-            run = (_write_onnx if file_format == "onnx" else _write_program)(subject, temporary)
+            run = (_write_onnx if wanted == "onnx" else _write_program)(subject, temporary)
             difference = _difference(run, subject)
         except ModelError:
             raise
+        except OSError as error:  # a full disk, for instance
+            message = f"{target}: not written ({error.strerror or error})"
+            raise ModelError(message) from error
         except Exception as error:  # exporters and runtimes raise what they like
             what = str(error).strip().partition("\n")[0] or type(error).__name__
-            message = f"{target}: not written, for the model cannot be exported to {file_format} ({what})"
+            message = f"{target}: not written, for the model cannot be exported to {wanted} ({what})"
             raise ModelError(message) from error
         if not difference <= TOLERANCE:
             message = (
@@ -120,6 +118,31 @@ def export_model(
             raise ModelError(message)
     shapes = {name: ("B", *map(str, each.shape[1:])) for name, each in subject.inputs.items()}
     return Exported(target, shapes, CHECKED_ROWS, difference)
+
+
+def _format(target: Path, wanted: str | None) -> str:
+    """Return the format of a file that can be written, by what is wanted or by its name."""
+    formats = " or ".join(FORMATS)
+    if target.is_dir():
+        message = f"{target}: this is a folder; name a file in it, for instance {target / 'model.onnx'}"
+        raise ModelError(message)
+    if wanted is not None and wanted not in FORMATS:
+        message = f"there is no format '{wanted}'; formats are {formats}"
+        raise ModelError(message)
+    ending = target.suffix.lower().removeprefix(".")
+    if wanted is None and ending not in FORMATS:
+        message = f"{target}: its name does not end in .{' or .'.join(FORMATS)}; let it, or name the format: {formats}"
+        raise ModelError(message)
+    if wanted is not None and ending in FORMATS and ending != wanted:
+        message = f"{target}: it is called as a file of format {ending}, but is to be of {wanted}; change one of them"
+        raise ModelError(message)
+    if not target.parent.is_dir():
+        message = f"{target}: there is no folder {target.parent}; make it, or name a file elsewhere"
+        raise ModelError(message)
+    if (problem := why_not_file(target)) is not None:
+        message = f"{target}: {problem}; name a file elsewhere"
+        raise ModelError(message)
+    return wanted or ending
 
 
 def _subject(folder: Path, candidate: str | None, seed: int | None, variant: str | None, mode: str | None) -> _Subject:

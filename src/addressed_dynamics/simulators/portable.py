@@ -10,6 +10,7 @@ from addressed_dynamics.base.errors import ModelError
 from addressed_dynamics.networks.addressing import addressing_scores
 from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.simulators.addressed import AddressedDynamics
+from addressed_dynamics.simulators.modes import MODES
 
 
 @final
@@ -65,7 +66,8 @@ def check_function(mode: str, addressing: StackedMLP | None) -> None:
         ModelError: it draws its members.
     """
     if mode == "sample" and addressing is not None:
-        message = "a model that draws its members cannot be kept as one module; load it in another mode"
+        others = ", ".join(each for each in MODES if each != mode)
+        message = f"mode '{mode}' draws the members at random, so its step is no function; take another mode ({others})"
         raise ModelError(message)
 
 

@@ -69,6 +69,12 @@ def find_run(name: str) -> KeptRun | None:
             return _find(open_client(store), name)
     except TrackingError:
         raise
+    except ModuleNotFoundError as error:
+        message = (
+            f"{name}: no revision is called so, and to look among the runs in MLflow needs '{error.name}': "
+            "pip install 'addressed-dynamics[pipeline]'"
+        )
+        raise TrackingError(message) from error
     except Exception as error:  # MLflow, its database driver and its HTTP client each raise their own kinds
         reason = (str(error).strip() or type(error).__name__).splitlines()[0]
         message = f"the runs in MLflow cannot be read ({reason})"
@@ -77,8 +83,9 @@ def find_run(name: str) -> KeptRun | None:
 
 def _find(client: Any, name: str) -> KeptRun | None:
     experiments = {each.experiment_id: each.name for each in client.search_experiments()}
-    wanted = f"attributes.run_id = '{name}'" if _IDENTIFIER.fullmatch(name) else f'attributes.run_name = "{name}"'
-    found = client.search_runs([*experiments], wanted, order_by=["start_time DESC"], max_results=_SHOWN + 1)
+    wanted = f"attributes.run_id = '{name}'" if _IDENTIFIER.fullmatch(name) else _of_name(name)
+    found = client.search_runs([*experiments], wanted, order_by=["start_time DESC"])
+    found = [each for each in found if name in (each.info.run_id, each.info.run_name)][: _SHOWN + 1]
     if len(found) > 1:
         shown = ", ".join(f"{each.info.run_id} of {_date(each)}" for each in found[:_SHOWN])
         more = " and more" if len(found) > _SHOWN else ""
@@ -91,6 +98,16 @@ def _find(client: Any, name: str) -> KeptRun | None:
     below = client.search_runs([experiment_id], nested, order_by=["start_time DESC"])
     children = tuple(_kept(client, each, experiments[experiment_id]) for each in below)
     return _kept(client, found[0], experiments[experiment_id], children)
+
+
+def _of_name(name: str) -> str:
+    """Return the filter for runs of a name; it may let others through, for MLflow knows no way to escape a quote."""
+    if '"' not in name:
+        return f'attributes.run_name = "{name}"'
+    if "'" not in name:
+        return f"attributes.run_name = '{name}'"
+    pattern = name.replace("'", "_")  # any character
+    return f"attributes.run_name LIKE '{pattern}'"
 
 
 def _kept(client: Any, run: Any, experiment: str, children: tuple[KeptRun, ...] = ()) -> KeptRun:

@@ -62,7 +62,7 @@ def serve_ui(port: int = UI_PORT) -> NoReturn:
         message = f"the runs are on the server of MLFLOW_TRACKING_URI: open {ui_base(store)} in a browser"
         raise TrackingError(message)
     if not store.is_there:
-        message = f"{store.folder}: there are no runs yet; 'make run' or 'dvc repro' makes them"
+        message = f"{store.folder}: there are no runs yet; 'dvc repro' makes them"
         raise TrackingError(message)
     _check_port(port)
     command = [sys.executable, "-m", "mlflow", "server", "--host", "127.0.0.1", "--port", str(port), "--workers", "1"]

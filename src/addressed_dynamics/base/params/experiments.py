@@ -21,8 +21,10 @@ from addressed_dynamics.base.params.training import AddressingTraining
 
 _FORMS = {"int", "tuple[float, ...]"}
 """What pydantic adds to a key's path where a value may be of several types."""
-_LISTS = {"experiments", "imported"}
+_LISTS = {"experiments", "recorded", "imported"}
 """Mappings at the top of a params file that are no experiments."""
+PARAMS = Path("params.yaml")
+"""The params file of the project that one is in."""
 EXTENDS = "extends"
 """Key at the top of a params file with the name of another, relative to its folder, which it takes the place of where
 it says otherwise."""
@@ -46,6 +48,33 @@ def load_recipes(path: Path, experiment: str, kind: str) -> tuple[Any, Any]:
     """
     section = _section(path, experiment, _read_params(path))
     return _load_recipes(path, experiment, section, supplied("sources", kind, "params").FORM)
+
+
+def check_section(path: Path, experiment: str) -> None:
+    """Check that the params file at `path` has a section of `experiment`.
+
+    Raises:
+        ParamsError: it has none, or the file is missing or is not YAML; the message names those that it has.
+    """
+    _section(path, experiment, _read_params(path))
+
+
+def experiment_names(path: Path) -> list[str]:
+    """Return the experiments that the pipeline runs with the params file at `path`, in its order.
+
+    Raises:
+        ParamsError: the file, or one that it extends, is missing or is not YAML.
+    """
+    entries = _read_params(path).get("experiments")
+    return list(map(str, entries)) if isinstance(entries, dict) else []
+
+
+def known_experiments(path: Path = PARAMS) -> list[str]:
+    """Return what `experiment_names` does; nothing if the file is not there or cannot be read."""
+    try:
+        return experiment_names(path) if path.is_file() else []
+    except ParamsError:
+        return []
 
 
 def load_kind(path: Path, experiment: str) -> str | None:
@@ -174,7 +203,7 @@ def _refuse_old_form(path: Path, experiment: str, document: dict[str, Any]) -> N
             f"{path}: a params file of an earlier form ({found}): 'experiments' is now a mapping of names to "
             "{kind: transitions or motion, raw: folder of the raw data}, 'recorded' one of names to kinds, 'motions' "
             "and 'made_up' are gone, and in a section 'walker' is 'record', 'augmentation' belongs in "
-            "'features', 'kind' and 'processes' are left out; see docs/decisions/0012-kinds.md"
+            "'features', 'kind' and 'processes' are left out"
         )
         raise ParamsError(message)
 

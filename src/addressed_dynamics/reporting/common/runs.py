@@ -20,7 +20,7 @@ def run_blocks(experiment: str, outputs: Mapping[str, str]) -> tuple[Text | Fact
         return ()
     named = f"the experiment '{experiment}'" if experiment else "the experiment"
     text = (
-        f"'make ui' or 'addressed-dynamics ui' shows the runs of {named} in MLflow. Each is tagged with a digest of "
+        f"'addressed-dynamics ui' shows the runs of {named} in MLflow. Each is tagged with a digest of "
         "what it made: in the search box above the runs, the filter beside an output finds those that made it."
     )
     return Text((text,)), Facts({name: f"tags.output LIKE '%{digest}%'" for name, digest in outputs.items()})
