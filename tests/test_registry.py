@@ -9,19 +9,22 @@ import socket
 import subprocess
 import sys
 import urllib.request
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
+from driven import motion_model
 from learning import drive, untrained_model
 from packed_models import write_addressed, write_trusted
 
 from addressed_dynamics import tracking
 from addressed_dynamics.base.criteria import Criterion, is_better
-from addressed_dynamics.simulators import serving_transitions
+from addressed_dynamics.simulators import serving_motion, serving_transitions
 from addressed_dynamics.simulators.packing import packed
+from addressed_dynamics.simulators.serving import Served
 from addressed_dynamics.tracking.registry import Registered
 
 LOCK = """
@@ -66,6 +69,7 @@ def evaluated(
     *,
     steps: int = 10,
     data: str = "0" * 32,
+    load: Callable[[Path], Served] = serving_transitions.load_served,
 ) -> Registered:
     """Register what is delivered in a folder of models, as the stage does."""
     root = Path.cwd()
@@ -73,7 +77,7 @@ def evaluated(
     with tracking.run(stage="evaluate", experiment=name, name="n", params={}) as run:
         found = run.register(
             name,
-            partial(packed, models, serving_transitions.load_served),
+            partial(packed, models, load),
             criteria=criteria,
             figures={"loss": 0.25},
             evaluation={"rollouts": {"steps": steps}},
@@ -223,15 +227,13 @@ def ask(port: int, question: dict[str, Any]) -> tuple[int, Any]:
         return error.code, json.load(error)
 
 
-@pytest.mark.slow
-def test_mlflow_serves_the_champion_over_http(project: Path, tmp_path: Path) -> None:
-    models = write_trusted(tmp_path / "models")
-    evaluated("served", models, reached(2.0))
-    served = serving_transitions.load_served(models)
+@contextmanager
+def serving(project: Path, model: str) -> Iterator[int]:
+    """Serve a model as its user does; the port. It ends by itself when it is asked to, and leaves the port free."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    command = ["-m", "mlflow", "models", "serve", "--model-uri", "models:/served@champion", "--env-manager", "local",
+    command = ["-m", "mlflow", "models", "serve", "--model-uri", model, "--env-manager", "local",
                "--host", "127.0.0.1", "--port", str(port)]  # fmt: skip
     uri = f"sqlite:///{project / '.mlflow' / 'mlflow.db'}"
     environment = {**os.environ, "MLFLOW_TRACKING_URI": uri, "MLFLOW_DISABLE_TELEMETRY": "true"}
@@ -249,14 +251,7 @@ def test_mlflow_serves_the_champion_over_http(project: Path, tmp_path: Path) -> 
                 if "Uvicorn running" in line:
                     break
             assert "Uvicorn running" in said, said
-            rows = [{"observation.position": 0.5, "observation.speed": -1, "action.thrust": 0.25}]
-            status, answer = ask(port, {"dataframe_records": rows, "params": {"coverage": 0.8}})
-            assert status == 200, answer
-            expected = served.predict({name: [value] for name, value in rows[0].items()}, {"coverage": 0.8})
-            (found,) = answer["predictions"]
-            assert found == pytest.approx(expected.iloc[0].to_dict())
-            status, answer = ask(port, {"dataframe_records": [{**rows[0], "observation.speed": None}]})
-            assert (status, "should be finite" in json.dumps(answer)) == (400, True)
+            yield port
         finally:
             os.killpg(server.pid, signal.SIGINT)
             rest = lines.read()  # ends when the last process that could write has ended
@@ -265,3 +260,41 @@ def test_mlflow_serves_the_champion_over_http(project: Path, tmp_path: Path) -> 
     with socket.socket() as again:
         again.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         again.bind(("127.0.0.1", port))
+
+
+@pytest.mark.slow
+def test_mlflow_serves_the_champion_over_http(project: Path, tmp_path: Path) -> None:
+    models = write_trusted(tmp_path / "models")
+    evaluated("served", models, reached(2.0))
+    served = serving_transitions.load_served(models)
+    with serving(project, "models:/served@champion") as port:
+        rows = [{"observation.position": 0.5, "observation.speed": -1, "action.thrust": 0.25}]
+        status, answer = ask(port, {"dataframe_records": rows, "params": {"coverage": 0.8}})
+        assert status == 200, answer
+        expected = served.predict({name: [value] for name, value in rows[0].items()}, {"coverage": 0.8})
+        (found,) = answer["predictions"]
+        assert found == pytest.approx(expected.iloc[0].to_dict())
+        status, answer = ask(port, {"dataframe_records": [{**rows[0], "observation.speed": None}]})
+        assert (status, "should be finite" in json.dumps(answer)) == (400, True)
+        del rows[0]["observation.speed"]
+        status, answer = ask(port, {"dataframe_records": rows})
+        assert (status, "missing inputs ['observation.speed']" in json.dumps(answer)) == (400, True)
+
+
+@pytest.mark.slow
+def test_mlflow_serves_a_model_of_motion_over_http(project: Path, tmp_path: Path) -> None:
+    models = write_addressed(tmp_path / "models", motion_model())
+    evaluated("walker", models, reached(2.0), load=serving_motion.load_served)
+    served = serving_motion.load_served(models)
+    example = {name: values.tolist() for name, values in served.example().items()}
+    rows = [dict(zip(example, values, strict=True)) for values in zip(*example.values(), strict=True)]
+    with serving(project, "models:/walker@champion") as port:
+        status, answer = ask(port, {"dataframe_records": rows})
+        assert status == 200, answer
+        expected = served.predict(example)
+        assert len(expected.columns) == 311
+        for row, found in enumerate(answer["predictions"]):
+            assert found == pytest.approx(expected.iloc[row].to_dict(), rel=1e-5, abs=1e-5)
+        del rows[1][served.inputs[-1].name], rows[0][served.inputs[-1].name]
+        status, answer = ask(port, {"dataframe_records": rows})
+        assert (status, f"missing inputs ['{served.inputs[-1].name}']" in json.dumps(answer)) == (400, True)

@@ -1,5 +1,6 @@
 import json
 import logging
+import platform
 import shutil
 import signal
 import socket
@@ -7,7 +8,7 @@ import sqlite3
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import AbstractContextManager, closing
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,8 @@ from addressed_dynamics.base.errors import TrackingError
 from addressed_dynamics.base.versions import output_digests
 from addressed_dynamics.reporting.common.blocks import Facts
 from addressed_dynamics.reporting.common.runs import run_blocks
+from addressed_dynamics.tracking import runs
+from addressed_dynamics.tracking.parents import Parents
 from addressed_dynamics.tracking.ui import opening_on
 
 LOCK = """
@@ -408,6 +411,65 @@ def test_a_stage_that_fails_leaves_the_run_of_the_pipeline_failed_until_the_next
     assert client(store).get_run(above.info.run_id).info.status == "FINISHED"
 
 
+def stage_of(experiment: str, name: str) -> AbstractContextManager[tracking.Run]:
+    return tracking.run(
+        stage=name, experiment=experiment, name=name, params={"a": 1}, params_file=Path("params.yaml"),
+        data=Path("data/tables/car"),
+    )  # fmt: skip
+
+
+def test_the_run_of_the_pipeline_ends_with_the_last_of_stages_that_run_side_by_side(
+    store: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_params(store, "beside")
+
+    def above() -> str:
+        (run,) = (run for run in runs_of(store, "beside").values() if run.data.tags["stage"] == "pipeline")
+        return str(run.info.status)
+
+    def fail() -> None:
+        with monkeypatch.context() as patches:
+            patches.setattr(runs, "_parents", Parents())  # as another process has it
+            with stage_of("beside", "train_baselines"):
+                raise ZeroDivisionError
+
+    with stage_of("beside", "train_ensemble"):
+        with pytest.raises(ZeroDivisionError):
+            fail()
+        assert above() == "RUNNING"
+    assert above() == "FAILED"
+    # What another process has left open because it was killed is waited for by nobody.
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    with monkeypatch.context() as patches:
+        patches.setattr(runs, "_parents", Parents())
+        patches.setattr(runs, "this_process", lambda: f"{platform.node()} {ended.pid}")
+        stage_of("beside", "report").__enter__().flush()
+    with stage_of("beside", "evaluate"):
+        assert above() == "RUNNING"
+    assert above() == "FINISHED"
+
+
+def test_a_run_that_cannot_be_opened_leaves_none_open(
+    store: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def fail(*_: object) -> None:
+        message = "the disk is full"
+        raise OSError(message)
+
+    write_params(store, "unopened")
+    monkeypatch.setattr(runs, "log_params", fail)
+    with stage_of("unopened", "evaluate") as run:
+        assert run.id is None
+    assert "could not open a run" in caplog.text
+    assert {run.info.status for run in runs_of(store, "unopened").values()} == {"FAILED"}
+    monkeypatch.undo()
+    with stage_of("unopened", "report"):
+        pass
+    found = {run.data.tags["stage"]: run.info.status for run in runs_of(store, "unopened").values()}
+    assert found == {"evaluate": "FAILED", "report": "FINISHED", "pipeline": "FINISHED"}
+
+
 def test_a_machine_that_cannot_be_watched_costs_a_warning_and_nothing_else(
     store: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -491,7 +553,7 @@ def free_port() -> int:
 
 @pytest.mark.usefixtures("project")
 def test_the_ui_without_a_store_says_how_to_get_one() -> None:
-    with pytest.raises(TrackingError, match="make run"):
+    with pytest.raises(TrackingError, match="dvc repro"):
         tracking.serve_ui()
 
 

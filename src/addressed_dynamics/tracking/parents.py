@@ -11,6 +11,7 @@ import hashlib
 import json
 import logging
 import os
+import platform
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -28,6 +29,10 @@ DATA_TAG = "data_md5"
 """Tag of a run on data that DVC knows: its digest of them."""
 PIPELINE_TAG = "pipeline"
 """Tag of the run of a pipeline: what it follows from."""
+PROCESS_TAG = "process"
+"""Tag of a run: host and number of the process that it is open in."""
+ENDED_TAG = "ended"
+"""Tag of the run of a pipeline of which a stage did not end well while others ran: how."""
 STAGE = "pipeline"
 """What the column of stages says of it."""
 
@@ -75,31 +80,69 @@ def pipeline_of(experiment: str, params_file: Path, data: Path) -> Pipeline | No
 
 
 class Parents:
-    """The runs of pipelines that runs of this process are nested below."""
+    """The runs of pipelines that runs of this process are nested below; others may be open in other processes."""
 
     def __init__(self) -> None:
         self._children: Counter[str] = Counter()
         self._monitors: dict[str, Any] = {}
 
     def open(self, client: Any, experiment_id: str, pipeline: Pipeline, tags: Mapping[str, str]) -> str:
-        """Return the run of `pipeline`, which runs again or for the first time; call it while the store is locked."""
+        """Return the run of `pipeline`, which runs again or for the first time; call it while the store is locked.
+
+        How stages ended before is forgotten, unless some still run.
+        """
         wanted = f"tags.{PIPELINE_TAG} = '{pipeline.key}'"
         found = client.search_runs([experiment_id], wanted, max_results=1)
         run_id = found[0].info.run_id if found else _create(client, experiment_id, pipeline, tags)
+        if found and ENDED_TAG in found[0].data.tags and not _others(client, experiment_id, run_id):
+            client.delete_tag(run_id, ENDED_TAG)
         if not self._children[run_id]:
             client.update_run(run_id, status="RUNNING")
             self._monitors[run_id] = _watch_machine(client.tracking_uri, run_id)
         self._children[run_id] += 1
         return str(run_id)
 
-    def close(self, client: Any, run_id: str, status: str) -> None:
-        """Say that a child ended; with the last one the run of the pipeline ends, until the next stage begins."""
+    def close(self, client: Any, experiment_id: str, run_id: str, status: str) -> None:
+        """Say that a child ended; call it while the store is locked, after that was said of the child itself.
+
+        With the last one the run of the pipeline ends, until the next stage begins: badly if one of those did that ran
+        beside it.
+        """
         self._children[run_id] -= 1
-        if self._children[run_id]:
-            return
-        if (monitor := self._monitors.pop(run_id, None)) is not None:
+        if not self._children[run_id] and (monitor := self._monitors.pop(run_id, None)) is not None:
             monitor.finish()
-        client.set_terminated(run_id, status)
+        parent = client.get_run(run_id)
+        if _others(client, experiment_id, run_id):
+            if status != "FINISHED":
+                client.set_tag(run_id, ENDED_TAG, status)
+        elif parent.info.status == "RUNNING":
+            before = parent.data.tags.get(ENDED_TAG)
+            client.set_terminated(run_id, before if before and status == "FINISHED" else status)
+
+
+def this_process() -> str:
+    """Return what tells this process from others, for `PROCESS_TAG`."""
+    return f"{platform.node()} {os.getpid()}"
+
+
+def _others(client: Any, experiment_id: str, run_id: str) -> bool:
+    """Return whether a run below this one is open, in whatever process; one whose process was killed is not."""
+    wanted = f"tags.`{PARENT_TAG}` = '{run_id}' and attributes.status = 'RUNNING'"
+    return any(_lives(each.data.tags.get(PROCESS_TAG, "")) for each in client.search_runs([experiment_id], wanted))
+
+
+def _lives(process: str) -> bool:
+    """Return whether a process lives, as far as can be known: of another machine's it is believed."""
+    host, _, number = process.rpartition(" ")
+    if host != platform.node() or os.name == "nt":  # there, to ask would be to kill
+        return bool(host)
+    try:
+        os.kill(int(number), 0)  # asks, and does nothing
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True  # somebody else's
+    return True
 
 
 def log_params(client: Any, run_id: str, params: Mapping[str, Any]) -> None:

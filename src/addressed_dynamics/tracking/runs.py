@@ -26,7 +26,16 @@ from addressed_dynamics.base.criteria import Criterion
 from addressed_dynamics.base.errors import TrackingError
 from addressed_dynamics.base.files import save_arrays
 from addressed_dynamics.base.versions import code_changed, data_digest, git_commit, output_digests
-from addressed_dynamics.tracking.parents import DATA_TAG, PARENT_TAG, Parents, Pipeline, log_params, pipeline_of
+from addressed_dynamics.tracking.parents import (
+    DATA_TAG,
+    PARENT_TAG,
+    PROCESS_TAG,
+    Parents,
+    Pipeline,
+    log_params,
+    pipeline_of,
+    this_process,
+)
 from addressed_dynamics.tracking.registry import Offer, Registered, register
 from addressed_dynamics.tracking.store import (
     Store,
@@ -236,9 +245,7 @@ class Run:
             self._attempt("the digests", lambda run_id: self._client.set_tag(run_id, OUTPUT_TAG, tag))
         try:
             with no_foreign_warnings():
-                self._client.set_terminated(self._reference.run_id, status)
-                if self._parent is not None:
-                    _parents.close(self._client, self._parent, status)
+                _end(self._client, self._reference.experiment_id, self._reference.run_id, self._parent, status)
         except Exception as error:  # see _attempt
             if self._works:
                 _warn("could not close the run", error)
@@ -355,17 +362,38 @@ def _open(
         store = find_store()
         client, experiment_id = connect(store, experiment)
         parent = None if pipeline is None else _open_parent(store, client, experiment_id, pipeline, tags)
-        own = dict(tags)
-        if parent is not None:
-            own[PARENT_TAG] = parent
-        if pipeline is not None and pipeline.data is not None:
-            own[DATA_TAG] = pipeline.data
-        created = client.create_run(experiment_id, tags=own, run_name=name)
-        log_params(client, created.info.run_id, params)
+        run_id = None
+        try:
+            run_id = _create(client, experiment_id, name, tags, pipeline, parent)
+            log_params(client, run_id, params)
+        except BaseException:
+            with suppress(Exception):  # what is wrong is said already
+                _end(client, experiment_id, run_id, parent, "FAILED")
+            raise
     except Exception as error:  # see Run._attempt
         _warn("could not open a run", error)
         return Run(None, None)
-    return Run(client, RunReference(created.info.run_id, experiment_id, name), parent)
+    return Run(client, RunReference(run_id, experiment_id, name), parent)
+
+
+def _create(
+    client: Any, experiment_id: str, name: str, tags: Mapping[str, str], pipeline: Pipeline | None, parent: str | None
+) -> str:
+    own = {**tags, PROCESS_TAG: this_process()}
+    if parent is not None:
+        own[PARENT_TAG] = parent
+    if pipeline is not None and pipeline.data is not None:
+        own[DATA_TAG] = pipeline.data
+    return str(client.create_run(experiment_id, tags=own, run_name=name).info.run_id)
+
+
+def _end(client: Any, experiment_id: str, run_id: str | None, parent: str | None, status: str) -> None:
+    """End a run, if there is one, and that of the pipeline if no other is open below it."""
+    with nullcontext() if parent is None else _locked_store():  # of two at once, neither would see that it is the last
+        if run_id is not None:
+            client.set_terminated(run_id, status)
+        if parent is not None:
+            _parents.close(client, experiment_id, parent, status)
 
 
 def _open_parent(store: Store, client: Any, experiment_id: str, pipeline: Pipeline, tags: Mapping[str, str]) -> str:
