@@ -1,6 +1,8 @@
 """How all benchmarks measure: what is compared takes turns in one run, and the rounds are summed up robustly."""
 
+import resource
 import statistics
+import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -38,6 +40,12 @@ def take_turns(contestants: Mapping[str, Callable[[], object]], *, rounds: int, 
 def median_ratio(above: Sequence[float], below: Sequence[float]) -> float:
     """Return the median over the rounds of the ratio within a round."""
     return statistics.median(a / b for a, b in zip(above, below, strict=True))
+
+
+def peak_mib(who: int = resource.RUSAGE_SELF) -> float:
+    """Return the largest resident memory so far of this process, or of any of its children (`RUSAGE_CHILDREN`)."""
+    unit = 1 if sys.platform == "darwin" else 1024
+    return resource.getrusage(who).ru_maxrss * unit / 2**20
 
 
 def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from measuring import print_table
+from measuring import peak_mib, print_table
 
 if TYPE_CHECKING:
     from addressed_dynamics.episodes.transitions import Transitions
@@ -20,12 +20,6 @@ SHARD = 50_000
 EPISODE = 250
 TRAINING_EPOCHS = 2
 MIB = 2**20
-
-
-def peak_mib(who: int = resource.RUSAGE_SELF) -> float:
-    """Return the largest resident memory so far of this process, or of any of its children."""
-    unit = 1 if sys.platform == "darwin" else 1024
-    return resource.getrusage(who).ru_maxrss * unit / MIB
 
 
 def record(shards: int) -> None:

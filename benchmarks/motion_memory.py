@@ -4,7 +4,6 @@
 """
 
 import argparse
-import resource
 import subprocess
 import sys
 import tempfile
@@ -13,7 +12,7 @@ import zipfile
 from pathlib import Path
 
 import numpy as np
-from measuring import print_table
+from measuring import peak_mib, print_table
 
 CYCLE = 45
 """Rows of a made-up cycle."""
@@ -22,12 +21,6 @@ CYCLES = 400
 COPIES = (10, 1)
 """How often each cycle occurs: ten times, like those of flat clips, or once, where every row has to be written."""
 MIB = 2**20
-
-
-def peak_mib() -> float:
-    """Return the largest resident memory so far of this process."""
-    unit = 1 if sys.platform == "darwin" else 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / MIB
 
 
 def walk(rows: int, cycle: int, width: int, key: int) -> "np.ndarray":

@@ -15,7 +15,8 @@ from hypothesis.extra.numpy import arrays
 from strategies import random_transitions
 
 from addressed_dynamics.base.errors import TableError
-from addressed_dynamics.episodes.coverage import CELLS, Occupancy, count_duplicates, row_fingerprints
+from addressed_dynamics.episodes.coverage import CELLS, Occupancy
+from addressed_dynamics.episodes.fingerprints import find_duplicates, row_fingerprints
 from addressed_dynamics.episodes.index import Episode, read_episodes, write_episodes
 from addressed_dynamics.episodes.statistics import Moments, column_names, column_values
 from addressed_dynamics.episodes.summary import data_report, split_sizes, write_learner_curve
@@ -90,12 +91,12 @@ def test_more_than_two_dimensions_have_no_plane_and_a_constant_one_has_one_cell(
 )
 def test_duplicates_are_the_rows_that_a_set_of_tuples_drops(observation: np.ndarray, action: np.ndarray) -> None:
     rows = {(*map(float, state), int(number)) for state, number in zip(observation, action, strict=True)}
-    assert count_duplicates(row_fingerprints(observation, action)) == len(action) - len(rows)
+    assert find_duplicates(row_fingerprints(observation, action)).count == len(action) - len(rows)
 
 
 def test_fingerprints_of_a_hundred_thousand_different_rows_differ() -> None:
     column = np.arange(100_000, dtype=np.float32)
-    assert count_duplicates(row_fingerprints(column, column[::-1])) == 0
+    assert find_duplicates(row_fingerprints(column, column[::-1])).count == 0
 
 
 def episode(number: int, **values: Any) -> Episode:

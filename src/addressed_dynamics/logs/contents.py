@@ -17,9 +17,9 @@ Ended = Literal["cut", "terminated", "truncated"]
 """How an episode ended; `cut`: the recording stopped or the environment was reset before its end."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class EpisodeRecord:
-    """One episode of a log."""
+    """One episode of a log; with slots, because there may be a million."""
 
     episode: int
     """Identifier of the episode, as in `Transitions.episode`."""

@@ -13,6 +13,7 @@ from builders import CAR, RUN, append_rows, assert_same, car_transitions
 from builders import write_log as write_transitions
 
 from addressed_dynamics.base.errors import LogError, TableError
+from addressed_dynamics.episodes import fingerprints
 from addressed_dynamics.episodes.index import read_episodes
 from addressed_dynamics.episodes.parquet import load_transitions, read_table
 from addressed_dynamics.episodes.splits import SPLITS, episode_places
@@ -316,6 +317,26 @@ def test_a_damaged_log_is_named_and_no_table_is_left(tmp_path: Path, damage: Any
         convert(tmp_path)
     assert not (tmp_path / "out" / "tables").exists()
     assert not list((tmp_path / "out").glob(".*"))
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a file that is always full")
+@pytest.mark.parametrize("full", ["buckets/0000", "1"])
+def test_a_disk_that_is_full_while_equal_rows_are_looked_for_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, full: str
+) -> None:
+    """It is full for a worker's file, or for the files in which they are looked for."""
+    write_recording(tmp_path / "raw")
+    append = fingerprints._append
+    monkeypatch.setattr(
+        fingerprints,
+        "_append",
+        lambda path, values: append(
+            Path("/dev/full") if f"/{full}" in path.as_posix().replace("/.", "/") else path, values
+        ),
+    )
+    with pytest.raises(TableError, match="No space left on device"):
+        convert(tmp_path)
+    assert not list((tmp_path / "out").iterdir())
 
 
 def test_no_logs_other_spaces_and_an_episode_in_two_logs_are_refused(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ import torch
 from jaxtyping import Bool, Float, Float64
 from torch import Tensor
 
-from addressed_dynamics.episodes.coverage import row_fingerprints
+from addressed_dynamics.episodes.fingerprints import row_fingerprints
 from addressed_dynamics.evaluation.transitions.horizons import percent_of_range
 from addressed_dynamics.evaluation.transitions.points import Points
 

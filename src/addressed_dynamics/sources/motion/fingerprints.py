@@ -1,6 +1,6 @@
 """Eight bytes that stand for a row of motion, by which equal rows are found among millions.
 
-The idea is that of `tables.coverage.row_fingerprints`, which takes a column at a time; a row here has 654 of them.
+The idea is that of `episodes.fingerprints.row_fingerprints`, which takes a column at a time; a row here has 654.
 """
 
 from __future__ import annotations

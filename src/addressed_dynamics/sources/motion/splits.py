@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Float64, Int8, Int64
 
 from addressed_dynamics.base.errors import MotionError
-from addressed_dynamics.episodes.coverage import row_fingerprints
+from addressed_dynamics.episodes.fingerprints import row_fingerprints
 from addressed_dynamics.episodes.motion import Motion
 from addressed_dynamics.sources.motion.contents import CycleRows, Survey, cycle_starts
 from addressed_dynamics.sources.motion.params import MotionConvertParams

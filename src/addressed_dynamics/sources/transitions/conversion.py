@@ -6,6 +6,7 @@ depends on all of its episodes; then to be written. Reading costs little, and no
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
@@ -13,14 +14,15 @@ from pathlib import Path, PurePath
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float64, UInt64
+from jaxtyping import Float64
 
 from addressed_dynamics.base.errors import LogError
 from addressed_dynamics.base.files import atomic_path, write_json
 from addressed_dynamics.base.processes import OrderedMap, worker_processes
 from addressed_dynamics.episodes.bounds import display_range
-from addressed_dynamics.episodes.coverage import Occupancy, count_duplicates, first_duplicate, row_fingerprints
+from addressed_dynamics.episodes.coverage import Occupancy
 from addressed_dynamics.episodes.findings import Finding, find, findings_to_json, refuse_useless
+from addressed_dynamics.episodes.fingerprints import Buckets, Duplicates, fingerprint_writer, row_fingerprints
 from addressed_dynamics.episodes.imports import ImportRecord, read_import_record
 from addressed_dynamics.episodes.index import Episode, write_episodes
 from addressed_dynamics.episodes.parquet import FOLDER, TransitionTable, split_writer
@@ -34,6 +36,8 @@ from addressed_dynamics.sources.transitions.numbering import NumberedLog, renumb
 from addressed_dynamics.sources.transitions.params import ConvertParams
 from addressed_dynamics.sources.transitions.pieces import Piece, Planned, block_figures, plan_pieces, take_pieces
 
+FINGERPRINTS = "fingerprints"
+"""Folder beside the tables, while they are made, of what finds rows that are equal across logs."""
 LEARNER = "dqn"
 """The behaviour whose episodes make the learning curve."""
 IMPORT_RECORD = "import.json"
@@ -91,6 +95,8 @@ class _Job:
     high: Float64[np.ndarray, " dimension"]
     fences: Fences
     """Where outliers begin."""
+    fingerprints: Path
+    """Where the fingerprints of the log's rows go."""
     row_group_rows: int
 
 
@@ -98,19 +104,19 @@ class _Job:
 class _Figures:
     """What the second reading adds to the statistics and the data report."""
 
+    rows: int
     columns: list[str]
     train: Moments
     occupancy: Occupancy
-    fingerprints: UInt64[np.ndarray, " step"]
-    """Eight bytes per transition, so that duplicates are found across logs."""
     quality: Quality
     blocks: list[Episode]
     """What the list of episodes says of blocks of episodes."""
 
     def merge(self, other: _Figures) -> _Figures:
-        """Add the figures of a later block of the same log, but for the fingerprints."""
+        """Add the figures of a later block of the same log."""
         return replace(
             self,
+            rows=self.rows + other.rows,
             train=self.train.merge(other.train),
             occupancy=self.occupancy.merge(other.occupancy),
             quality=self.quality.merge(other.quality),
@@ -156,18 +162,22 @@ def convert_recording(
         planned = plan_pieces(recording, _episodes(summaries, _log_names(summaries, imported)), params)
         ranges = reduce(Moments.merge, [summary.ranges for summary in summaries])
         jobs = _jobs(summaries, planned, ranges, folder, params.row_group_rows)
+        buckets = Buckets(folder / FINGERPRINTS / "buckets", sum(each.whole.length for each in planned))
         figures = []
-        for found in ordered_map(_convert, jobs):
+        for job, found in zip(jobs, ordered_map(_convert, jobs), strict=True):
+            buckets.add_file(job.fingerprints)
             figures.append(found)
-            progress(len(found.fingerprints))
+            progress(found.rows)
+        duplicates = buckets.find()
+        shutil.rmtree(folder / FINGERPRINTS)
         episodes = _table_episodes(planned, figures)
         sizes = split_sizes(episodes)
         write_episodes(folder / "episodes.parquet", episodes)
         write_json(folder / "statistics.json", _statistics(sizes, figures))
-        findings = _findings(summaries, figures, imported)
+        findings = _findings(summaries, figures, duplicates, imported)
         refuse_useless(recording, findings)
         recorded = [each.whole for each in planned]
-        report = _report(summaries, recorded, sizes, ranges, figures)
+        report = _report(summaries, recorded, sizes, ranges, figures, duplicates)
         if params.split == "blocks":
             report["blocks"] = block_figures(planned, params.gap_steps).to_json()
         report |= {"quality": findings_to_json(findings)} | ({"import": imported.to_json()} if imported else {})
@@ -288,23 +298,27 @@ def _jobs(
             low=low,
             high=high,
             fences=fences,
+            fingerprints=folder / FINGERPRINTS / str(number),
             row_group_rows=row_group_rows,
         )
-        for summary in summaries
+        for number, summary in enumerate(summaries)
     ]
 
 
 def _convert(job: _Job) -> _Figures:
     spec, figures = job.spec, list[_Figures]()
-    with split_writer(job.target, f"{job.log.stem}.parquet", spec, row_group_rows=job.row_group_rows) as write:
+    with (
+        split_writer(job.target, f"{job.log.stem}.parquet", spec, row_group_rows=job.row_group_rows) as write,
+        fingerprint_writer(job.fingerprints) as write_fingerprints,
+    ):
         for block in read_episodes(job.log, at_least=BLOCK_ROWS):
             transitions = _numbered_block(job, block.transitions)
             kept, splits, blocks = take_pieces(transitions, job.pieces)
             table = TransitionTable(kept, splits, job.segment)
             write(table)
+            write_fingerprints(row_fingerprints(transitions.observation, transitions.action, transitions.exogenous))
             figures.append(_figures_of(job, transitions, table, blocks))
-    fingerprints = np.concatenate([each.fingerprints for each in figures])
-    return replace(reduce(_Figures.merge, figures), fingerprints=fingerprints)
+    return reduce(_Figures.merge, figures)
 
 
 def _numbered_block(job: _Job, transitions: Transitions) -> Transitions:
@@ -320,10 +334,10 @@ def _figures_of(job: _Job, transitions: Transitions, table: TransitionTable, blo
     """Return the figures on all transitions, also those that the table leaves out; only `train` is of the table."""
     states = Occupancy.of(transitions.observation, job.low, job.high)
     return _Figures(
+        rows=len(transitions),
         columns=column_names(transitions),
         train=Moments.of(column_values(table.only("train"))),
         occupancy=states.merge(Occupancy.of(transitions.next_observation, job.low, job.high)),
-        fingerprints=row_fingerprints(transitions.observation, transitions.action, transitions.exogenous),
         quality=Quality.of(transitions, log=job.log.name, fences=job.fences),
         blocks=blocks,
     )
@@ -347,6 +361,7 @@ def _report(
     sizes: Mapping[str, Mapping[str, int]],
     ranges: Moments,
     figures: Sequence[_Figures],
+    duplicates: Duplicates,
 ) -> dict[str, Any]:
     spec, found = summaries[0].spec, reduce(Quality.merge, [each.quality for each in figures]).ranges
     return data_report(
@@ -356,7 +371,7 @@ def _report(
         splits=sizes,
         ranges=[(float(low), float(high)) for low, high in zip(ranges.minimum, ranges.maximum, strict=True)],
         occupancy=reduce(Occupancy.merge, [each.occupancy for each in figures]),
-        duplicates=count_duplicates(np.concatenate([each.fingerprints for each in figures])),
+        duplicates=duplicates.count,
         exogenous=[found[f"exogenous.{dimension.name}"] for dimension in spec.exogenous],
     )
 
@@ -368,25 +383,27 @@ def _write_learner(path: Path, summaries: Sequence[_LogSummary], episodes: Seque
 
 
 def _findings(
-    summaries: Sequence[_LogSummary], figures: Sequence[_Figures], imported: ImportRecord | None
+    summaries: Sequence[_LogSummary],
+    figures: Sequence[_Figures],
+    duplicates: Duplicates,
+    imported: ImportRecord | None,
 ) -> list[Finding]:
     return find(
         reduce(Quality.merge, [each.quality for each in figures]),
         summaries[0].spec,
-        duplicates=_duplicates(summaries, np.concatenate([each.fingerprints for each in figures])),
+        duplicates=_placed(summaries, duplicates),
         occupancy=reduce(Occupancy.merge, [each.occupancy for each in figures]),
         imported=imported.files if imported else {},
         other_rates=imported.other_rates if imported else {},
     )
 
 
-def _duplicates(summaries: Sequence[_LogSummary], fingerprints: UInt64[np.ndarray, " step"]) -> Tally:
-    """Count the rows of all logs that are equal to an earlier one; the first is placed by the lengths of episodes."""
-    count, first = count_duplicates(fingerprints), first_duplicate(fingerprints)
-    place, row = None, -1 if first is None else first
+def _placed(summaries: Sequence[_LogSummary], duplicates: Duplicates) -> Tally:
+    """Place the first row of all logs that is equal to an earlier one by the lengths of episodes."""
+    place, row = None, -1 if duplicates.first is None else duplicates.first
     for summary in summaries:
         for episode in summary.episodes:
             if place is None and 0 <= row < episode.length:
                 place = Place(summary.log.name, episode.episode)
             row -= episode.length
-    return Tally(count, len(fingerprints), place)
+    return Tally(duplicates.count, duplicates.of, place)

@@ -19,7 +19,7 @@ from addressed_dynamics.episodes.transitions import COLUMNS, Transitions
 from addressed_dynamics.sources.transitions.params import ConvertParams
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Piece:
     """Consecutive steps of a recorded episode, which are an episode of the tables."""
 
@@ -39,7 +39,7 @@ class Piece:
         return SPLITS.index(self.episode.split)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Planned:
     """A recorded episode, and what becomes of it."""
 
@@ -145,7 +145,8 @@ def _splits_of(episodes: Sequence[Episode], params: ConvertParams) -> dict[str, 
 
 def _whole(episode: Episode, number: int, split: Split) -> Planned:
     recorded = replace(episode, split=split)
-    return Planned(recorded, (Piece(replace(recorded, episode=number), 0, episode.length, 1),))
+    piece = recorded if number == recorded.episode else replace(recorded, episode=number)
+    return Planned(recorded, (Piece(piece, 0, episode.length, 1),))
 
 
 def _cut(episode: Episode, number: int, count: int, params: ConvertParams) -> Planned:
