@@ -10,6 +10,7 @@ from addressed_dynamics import tracking
 from addressed_dynamics.base.files import atomic_path, write_json, write_rows
 from addressed_dynamics.base.params.training import BlendedTraining
 from addressed_dynamics.features.common.samples import Samples
+from addressed_dynamics.features.common.spool import beside
 from addressed_dynamics.features.common.training_data import TrainingData
 from addressed_dynamics.networks.files import SavedNetwork, save_network
 from addressed_dynamics.networks.stacked import StackedMLP
@@ -30,6 +31,7 @@ from pipeline.trainings import (
     ensemble_seconds,
     remove_checkpoints,
     resumable,
+    scaled_profiles,
     train_tracked,
 )
 
@@ -110,7 +112,10 @@ def _reference_metrics(name: str, network: StackedMLP, data: TrainingData[Any]) 
     """Return what is known of a network that was not trained, as if it had been."""
     unit = data.features.loss_unit("mse")
     parts = {part: each for part, each in (("train", data.train), ("validation", data.validation)) if len(each)}
-    losses = {part: float(evaluate_profiles(network, each, "mse").mean()) * unit for part, each in parts.items()}
+    losses = {
+        part: float(evaluate_profiles(network, each, "mse", make=beside(each)).mean()) * unit
+        for part, each in parts.items()
+    }
     parameters, _ = reference_costs(name, network.widths[0], network.widths[-1], data.last_frame)
     known = {"parameters": parameters, "samples": len(data.train) if parameters else 0}
     return {**{f"loss/{part}": loss for part, loss in losses.items()}, "updates": 0, **known}
@@ -141,7 +146,7 @@ def _job(experiment: str, name: str, seed: int, baseline: Baseline, data: Traini
         "features": baseline.features.model_dump(mode="json"),
     }
     title = f"{experiment} baseline {name} seed={seed}"
-    return resumable(training, title, notes, checkpoints_dir(experiment), *data.tensors, seconds=seconds)
+    return resumable(training, title, notes, checkpoints_dir(experiment), data, seconds=seconds)
 
 
 def _blended(
@@ -179,7 +184,7 @@ def _addressing_job(
     assert params is not None
     loss = reported_loss(baseline.training.loss)
     unit = data.features.loss_unit(loss)
-    on_train, on_validation = (evaluate_profiles(network, part, loss) * unit for part in (data.train, data.validation))
+    on_train, on_validation = scaled_profiles(network, data, loss, unit, f"profiles-{name}-{seed}")
     training = partial(
         train_addressing, data.train, on_train, data.validation, on_validation, params, seed=seed, variant="plain",
         augment=data.augment,
@@ -190,5 +195,5 @@ def _addressing_job(
         addressing_seconds(data, network.members, params),
     )
     return resumable(
-        training, title, notes, checkpoints_dir(experiment), *data.tensors, on_train, on_validation, seconds=seconds
+        training, title, notes, checkpoints_dir(experiment), data, on_train, on_validation, seconds=seconds
     )

@@ -8,11 +8,11 @@ from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.tracking import Run
 from addressed_dynamics.training.addressing import train_addressing
 from addressed_dynamics.training.choosing import BRIEF_ADDRESSING, NUMBERS, best_number, brief
-from addressed_dynamics.training.ensemble import evaluate_profiles, train_ensemble
+from addressed_dynamics.training.ensemble import train_ensemble
 from addressed_dynamics.training.epochs import Epoch
 from addressed_dynamics.training.losses import reported_loss
 from pipeline.stage import checkpoints_dir
-from pipeline.trainings import Stage, TrackedJob, ensemble_seconds, resumable, train_tracked
+from pipeline.trainings import Stage, TrackedJob, ensemble_seconds, resumable, scaled_profiles, train_tracked
 
 
 def choose_members(
@@ -38,7 +38,7 @@ def choose_members(
             f"{stage.experiment} brief ensemble n={params.members} seed={seed}",
             {"ensemble": params.model_dump(mode="json"), "seed": seed},
             checkpoints_dir(stage.experiment),
-            *data.tensors,
+            data,
             seconds=ensemble_seconds(data, params),
         )
         for name, params in sizes.items()
@@ -62,7 +62,7 @@ def choose_members(
 
 def _addressing(stage: Stage, data: TrainingData[Features], network: StackedMLP, loss: str, seed: int) -> TrackedJob:
     unit = data.features.loss_unit(loss)
-    on_train, on_validation = (evaluate_profiles(network, part, loss) * unit for part in (data.train, data.validation))
+    on_train, on_validation = scaled_profiles(network, data, loss, unit, f"profiles-{network.members}")
     training = partial(
         train_addressing, data.train, on_train, data.validation, on_validation, BRIEF_ADDRESSING, seed=seed,
         variant="plain", augment=data.augment,
@@ -72,7 +72,7 @@ def _addressing(stage: Stage, data: TrainingData[Features], network: StackedMLP,
         f"{stage.experiment} brief addressing n={network.members} seed={seed}",
         {"addressing": BRIEF_ADDRESSING.model_dump(mode="json"), "seed": seed},
         checkpoints_dir(stage.experiment),
-        *data.tensors,
+        data,
         on_train,
         on_validation,
     )

@@ -8,7 +8,7 @@ from addressed_dynamics.base.params.experiments import load_recipes
 from addressed_dynamics.base.torch_runtime import prepare_torch
 from addressed_dynamics.training.baselines import plan_baselines
 from pipeline.baselines import train_baselines
-from pipeline.stage import Call, figures_dir, run_stage, tables_dir, training_processes
+from pipeline.stage import Call, figures_dir, run_stage, tables_dir, training_processes, training_spool
 from pipeline.trainings import Stage, trained_members
 
 
@@ -17,7 +17,8 @@ def main(call: Call) -> str:
     kind, tables = supplied("features", call.kind), tables_dir(call.experiment)
     chosen, other = load_recipes(call.params_file, call.experiment, call.kind)
     prepare_torch(threads=1)
-    data = kind.load_training_data(tables, chosen, chosen.features)
+    spool = training_spool(call.experiment, "train_baselines")
+    data = kind.load_training_data(tables, chosen, chosen.features, spool=spool)
     width, samples = data.features, len(data.train)
     members = chosen.ensemble.members
     if members == "auto":
@@ -27,11 +28,13 @@ def main(call: Call) -> str:
     own = {
         name: data
         if each.features == chosen.features and each.sections is chosen and not each.by_phase
-        else kind.load_training_data(tables, each.sections, each.features, augmented=not each.by_phase)
+        else kind.load_training_data(tables, each.sections, each.features, augmented=not each.by_phase, spool=spool)
         for name, each in plan.items()
     }
     stage = Stage("train_baselines", call.experiment, call.params_file, training_processes())
     results = train_baselines(stage, plan, own, data, chosen.baselines.seeds)
+    for each in (data, *own.values()):
+        each.discard()
     figures = figures_dir(call.experiment, "baselines")
     return f"{len(results)} baselines are trained: {', '.join(results)}; {figures}"
 

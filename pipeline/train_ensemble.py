@@ -4,7 +4,16 @@ from addressed_dynamics.base.kinds import supplied
 from addressed_dynamics.base.params.experiments import load_experiment
 from addressed_dynamics.base.torch_runtime import prepare_torch
 from pipeline.choosing import choice_words, choose_members
-from pipeline.stage import Call, figures_dir, median_of, run_stage, tables_dir, training_processes, training_workers
+from pipeline.stage import (
+    Call,
+    figures_dir,
+    median_of,
+    run_stage,
+    tables_dir,
+    training_processes,
+    training_spool,
+    training_workers,
+)
 from pipeline.trainings import Stage, remove_checkpoints, train_ensembles
 
 
@@ -12,7 +21,8 @@ def main(call: Call) -> str:
     """Train the ensembles of an experiment; return what came out."""
     sections, kind = load_experiment(call.params_file, call.experiment, call.kind), supplied("features", call.kind)
     prepare_torch(threads=1)
-    data = kind.load_training_data(tables_dir(call.experiment), sections, sections.features)
+    spool = training_spool(call.experiment, "train_ensemble")
+    data = kind.load_training_data(tables_dir(call.experiment), sections, sections.features, spool=spool)
     stage = Stage("train_ensemble", call.experiment, call.params_file, training_processes(), training_workers())
     params, members, brief_jobs = choose_members(stage, data, sections.ensemble)
     choices = {**data.choices, **({"members": members} if members else {})}
@@ -20,6 +30,7 @@ def main(call: Call) -> str:
     recipe = {"features": features, "ensemble": params.model_dump(mode="json")}
     results = train_ensembles(stage, data, params, recipe, choices)
     remove_checkpoints(brief_jobs)
+    data.discard()
     chosen = "".join(f"{choice_words(name, choice)} on validation samples; " for name, choice in choices.items())
     loss = median_of(results, "loss/validation")
     epochs = f"{'at most ' if params.early_stopping else ''}{params.epochs} epochs"

@@ -14,9 +14,11 @@ from addressed_dynamics import tracking
 from addressed_dynamics.base.errors import ModelError
 from addressed_dynamics.base.files import atomic_path, write_json, write_rows
 from addressed_dynamics.base.params.training import AddressingParams, AddressingTraining, EnsembleParams
-from addressed_dynamics.features.common.samples import Samples, Windows, fingerprint
+from addressed_dynamics.features.common.samples import Samples, fingerprint
+from addressed_dynamics.features.common.spool import beside, release
 from addressed_dynamics.features.common.training_data import Choice, Features, TrainingData
 from addressed_dynamics.networks.files import SavedNetwork, read_index, save_network
+from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.tracking import Run
 from addressed_dynamics.training.addressing import confusion_matrix, train_addressing
 from addressed_dynamics.training.checkpoints import Checkpoint
@@ -52,11 +54,13 @@ def resumable(
     title: str,
     params: Mapping[str, Any],
     folder: Path,
-    *tensors: Tensor | Windows,
+    data: TrainingData[Any],
+    *profiles: Tensor,
     seconds: float = 0.0,
 ) -> TrackedJob:
     """Return `training` with a checkpoint in `folder` that belongs to its title, its params and these data alone."""
-    checkpoint = Checkpoint.of(folder, title=title, params=params, data=fingerprint(*tensors))
+    known = [data.fingerprint, fingerprint(*profiles)] if profiles else data.fingerprint
+    checkpoint = Checkpoint.of(folder, title=title, params=params, data=known)
     return TrackedJob(partial(training, checkpoint=checkpoint), title, params, checkpoint, seconds)
 
 
@@ -146,7 +150,7 @@ def train_ensembles(
             f"{experiment} ensemble n={params.members} lr={params.optimiser.learning_rate:g} seed={seed}",
             {**recipe, "seed": seed},
             checkpoints_dir(experiment),
-            *data.tensors,
+            data,
             seconds=seconds,
         )
         for seed in params.seeds
@@ -155,7 +159,7 @@ def train_ensembles(
     with atomic_path(models_dir(experiment) / "ensemble") as folder:
 
         def finish(name: str, epoch: Epoch, run: Run) -> None:
-            notes = {"params": recipe, "training": name, "data": fingerprint(*data.tensors)}
+            notes = {"params": recipe, "training": name, "data": data.fingerprint}
             save_network(folder / name, SavedNetwork(epoch.network, data.features, notes))
             run.log_output(folder / name)
             results[name] = epoch.metrics
@@ -237,9 +241,7 @@ def train_addressings(
     for seed, ensemble in ensembles.items():
         loss = reported_loss(ensemble.notes["params"]["ensemble"]["loss"])
         unit = data.features.loss_unit(loss)
-        on_train, on_validation = (
-            evaluate_profiles(ensemble.stack, part, loss) * unit for part in (data.train, data.validation)
-        )
+        on_train, on_validation = scaled_profiles(ensemble.stack, data, loss, unit, f"profiles-{seed}")
         training = partial(
             train_addressing, data.train, on_train, data.validation, on_validation, params, seed=seed,
             augment=data.augment,
@@ -252,7 +254,7 @@ def train_addressings(
                 f"{experiment} addressing {variant} lr={params.optimiser.learning_rate:g} seed={seed}",
                 {**recipe, "seed": seed, "variant": variant},
                 checkpoints_dir(experiment),
-                *data.tensors,
+                data,
                 on_train,
                 on_validation,
                 seconds=seconds,
@@ -276,6 +278,21 @@ def train_addressings(
     write_rows(figures_dir(experiment, "addressing") / "addressing.csv", rows)
     remove_checkpoints(jobs)
     return results
+
+
+def scaled_profiles(
+    stack: StackedMLP, data: TrainingData[Any], loss: str, unit: float, name: str
+) -> tuple[Tensor, Tensor]:
+    """Return the loss profiles of all training and validation samples, times `unit`.
+
+    Those of samples that are larger than memory lie beside them, under this name.
+    """
+    on_train, on_validation = (
+        evaluate_profiles(stack, part, loss, make=beside(part, name)).mul_(unit)
+        for part in (data.train, data.validation)
+    )
+    release(on_train, on_validation)
+    return on_train, on_validation
 
 
 def deliver(seed: int, choice: str, variants: tuple[str, ...], results: Mapping[str, Mapping[str, Any]]) -> str:

@@ -28,14 +28,16 @@ def test_the_figures_of_a_training_count_what_is_too_short_for_the_history(
 ) -> None:
     tables = {"train": drive((30, 2, 1)), "validation": drive((3, 10), seed=1)}
 
-    def load(_: Path, *, split: str) -> Transitions:
-        return tables[split]
+    class Stream(list[Transitions]):
+        def __init__(self, _: Path, split: str) -> None:
+            super().__init__([tables[split]])
+            self.split = split
 
     def run(**_: object) -> AbstractContextManager[NoRun]:
         return nullcontext(NoRun())
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(kind, "load_transitions", load)
+    monkeypatch.setattr(kind, "TransitionStream", Stream)
     monkeypatch.setattr(trainings.tracking, "run", run)
     sections = ExperimentParams.model_construct(ensemble=ENSEMBLE)
     data = kind.load_training_data(tmp_path, sections, FeatureParams(target="change", history=4))

@@ -74,7 +74,9 @@ def test_a_sum_over_parts_has_the_same_bits_for_any_number_of_workers(samples: i
 @given(samples=st.integers(0, 3 * CHUNK_ROWS + 5), workers=st.sampled_from([2, 3, 4]))
 def test_what_is_found_for_all_samples_is_whole_and_in_order(samples: int, workers: int) -> None:
     expected = torch.arange(samples).unsqueeze(1).float()
-    for found in together(workers, workers, lambda own: own.of_all(lambda rows: rows.unsqueeze(1).float(), samples)):
+    for found in together(
+        workers, workers, lambda own: own.of_all(lambda rows: torch.tensor(rows).view(-1, 1).float(), samples)
+    ):
         assert torch.equal(found, expected)
 
 

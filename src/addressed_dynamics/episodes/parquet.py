@@ -6,15 +6,17 @@ split has a folder of its own, `train`, `validation` or `test`, so that one is r
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from jaxtyping import Int8
+from jaxtyping import Int8, Int64
 
 from addressed_dynamics.base.errors import TableError, TransitionsError
 from addressed_dynamics.base.files import atomic_path
@@ -28,6 +30,7 @@ from addressed_dynamics.episodes.tables import (
     files_of_kind,
     open_writer,
     read_row_groups,
+    row_count,
     stack,
 )
 from addressed_dynamics.episodes.transitions import ContinuousAction, Dimension, SpaceSpec, Transitions
@@ -118,14 +121,30 @@ def read_table(path: Path) -> TransitionTable:
             type, or holds missing values, NaNs or broken episodes.
     """
     specs: list[SpaceSpec] = []
+    groups = [*_row_groups(path, specs)]
+    return _table(pa.concat_tables(groups) if groups else _schema(specs[0]).empty_table(), specs[0], path)
 
+
+def read_parts(path: Path) -> Iterator[TransitionTable]:
+    """Yield what `read_table` returns, a row group at a time.
+
+    Raises:
+        TableError: as in `read_table`; each part is checked by itself.
+    """
+    specs: list[SpaceSpec] = []
+    for group in _row_groups(path, specs):
+        yield _table(group, specs[0], path)
+
+
+def _row_groups(path: Path, specs: list[SpaceSpec]) -> Iterator[pa.Table]:
     def expected(schema: pa.Schema, path: Path) -> pa.Schema:
         specs.append(_spec(schema, path))
         return _schema(specs[0])
 
-    groups = [*read_row_groups(path, None, expected)]
-    spec = specs[0]
-    table = pa.concat_tables(groups) if groups else _schema(spec).empty_table()
+    return read_row_groups(path, None, expected)
+
+
+def _table(table: pa.Table, spec: SpaceSpec, path: Path) -> TransitionTable:
     check_splits(table, SPLITS, path)
     try:
         transitions = Transitions(spec=spec, **_arrays(table, spec))
@@ -158,14 +177,81 @@ def load_transitions(folder: Path, split: Split | None = None) -> Transitions:
         table = read_table(path)
         by_log.setdefault(path.name, []).append(table.transitions if split is None else table.only(split))
     if split is not None and not any(len(part) for parts in by_log.values() for part in parts):
-        message = f"{folder}: no episode is in the split '{split}'; record more episodes or raise convert.{split}_share"
-        raise TableError(message)
+        raise _none_in(folder, split)
     try:
         transitions = Transitions.concatenate([_in_order(by_log[name]) for name in sorted(by_log)])
     except TransitionsError as error:
         message = f"{folder}: {error}"
         raise TableError(message) from error
     return transitions
+
+
+def _none_in(folder: Path, split: Split) -> TableError:
+    return TableError(
+        f"{folder}: no episode is in the split '{split}'; record more episodes or raise convert.{split}_share"
+    )
+
+
+@dataclass(frozen=True)
+class TransitionStream:
+    """The transitions of a split, to be read again and again, a row group at a time; see `load_transitions`.
+
+    A part may end inside an episode. That episodes are whole and unique is checked as they pass.
+
+    Raises:
+        TableError: while they are read, as in `load_transitions`.
+    """
+
+    folder: Path
+    """An experiment's folder of tables."""
+    split: Split
+    """Which of its splits."""
+
+    @cached_property
+    def rows(self) -> int:
+        """Rows of the files: as many as there are transitions, or more, if files hold several splits."""
+        return sum(row_count(path) for path in table_files(self.folder, self.split))
+
+    @cached_property
+    def spec(self) -> SpaceSpec:
+        """Names, units and bounds of the transitions."""
+        return next(iter(self)).spec
+
+    def digest(self) -> str:
+        """Return a hash of the names and bytes of the files."""
+        digest = hashlib.blake2b(self.split.encode(), digest_size=16)
+        for path in table_files(self.folder, self.split):
+            with path.open("rb") as file:
+                digest.update(f"{path.name} {hashlib.file_digest(file, 'blake2b').hexdigest()}\n".encode())
+        return digest.hexdigest()
+
+    def __iter__(self) -> Iterator[Transitions]:
+        last, episodes = None, list[Int64[np.ndarray, " episode"]]()
+        try:
+            for part in self._parts():
+                begins = part.episode[np.append(True, part.episode[1:] != part.episode[:-1])]
+                if last is not None:
+                    # Of the row before and the first one, all that holds of two rows in a table.
+                    Transitions.concatenate([last, part.select(slice(1))])
+                    begins = begins[int(begins[0] == last.episode[0]) :]
+                episodes.append(begins)
+                last = part.select(slice(-1, None))
+                yield part
+            found, counts = np.unique(np.concatenate(episodes or [np.empty(0, np.int64)]), return_counts=True)
+            if (counts > 1).any():
+                message = f"episode {found[counts > 1][0]} is in two places, or two recordings share the number"
+                raise TransitionsError(message)
+        except TransitionsError as error:
+            message = f"{self.folder}: {error}"
+            raise TableError(message) from error
+        if last is None:
+            raise _none_in(self.folder, self.split)
+
+    def _parts(self) -> Iterator[Transitions]:
+        for path in table_files(self.folder, self.split):
+            for table in read_parts(path):
+                if len(part := table.only(self.split)):
+                    yield part
 
 
 def _in_order(parts: Sequence[Transitions]) -> Transitions:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -91,13 +92,29 @@ def read_row_groups(
     Raises:
         TableError: the file is missing or damaged, lacks a column, has one of another type, or lacks values.
     """
+    with _readable(path), pq.ParquetFile(path, page_checksum_verification=True) as file:
+        _check_columns(file.schema_arrow, expected(file.schema_arrow, path), names, path)
+        for group in range(file.num_row_groups):
+            table = file.read_row_group(group, columns=None if names is None else list(names))
+            _check_whole(table, path)
+            yield table
+
+
+def row_count(path: Path) -> int:
+    """Return the number of rows of a file, which is not read.
+
+    Raises:
+        TableError: the file is missing or damaged.
+    """
+    with _readable(path):
+        return int(pq.read_metadata(path).num_rows)
+
+
+@contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    """Say what is wrong with a file that cannot be read."""
     try:
-        with pq.ParquetFile(path, page_checksum_verification=True) as file:
-            _check_columns(file.schema_arrow, expected(file.schema_arrow, path), names, path)
-            for group in range(file.num_row_groups):
-                table = file.read_row_group(group, columns=None if names is None else list(names))
-                _check_whole(table, path)
-                yield table
+        yield
     except FileNotFoundError as error:
         message = f"{path}: no such table; run the convert stage first"
         raise TableError(message) from error

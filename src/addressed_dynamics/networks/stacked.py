@@ -10,6 +10,7 @@ from jaxtyping import Float, Int64
 from torch import Tensor, nn
 
 from addressed_dynamics.base.errors import ModelError
+from addressed_dynamics.features.common.spool import release
 from addressed_dynamics.networks.layers import Activate, Layer, Layers
 
 Activation = Literal["relu", "tanh", "elu"]
@@ -23,6 +24,8 @@ ACTIVATIONS: dict[str, Activate] = {
 CHUNK_ROWS = 8192
 """Rows that `in_chunks` passes through a network at once: enough to keep the processor busy, small enough to stay in
 its cache."""
+BLOCKS_HELD = 128
+"""After so many blocks, pages of files that were read or written are let go."""
 
 
 class StackedMLP(nn.Module):
@@ -179,4 +182,28 @@ def in_chunks(function: Callable[[Tensor], Tensor], x: Float[Tensor, "sample inp
         joined.narrow(sample_dim, 0, len(first)).copy_(result)
         for index, block in enumerate(others, start=1):
             joined.narrow(sample_dim, index * CHUNK_ROWS, len(block)).copy_(function(block))
+        return joined
+
+
+def in_blocks(
+    function: Callable[[slice], Tensor], rows: range, *, make: Callable[..., Tensor] = torch.empty
+) -> Float[Tensor, "row ..."]:
+    """Apply `function` to blocks of consecutive rows, without gradients, and join the results, a row for each.
+
+    Args:
+        function: takes the rows of a block.
+        rows: all rows.
+        make: makes the tensor for the results (shape, dtype=, device=), if there is more than one block.
+    """
+    with torch.no_grad():
+        result = function(slice(rows.start, min(rows.start + CHUNK_ROWS, rows.stop)))
+        if len(rows) <= CHUNK_ROWS:
+            return result
+        joined = make((len(rows), *result.shape[1:]), dtype=result.dtype, device=result.device)
+        joined[:CHUNK_ROWS] = result
+        for first in range(CHUNK_ROWS, len(rows), CHUNK_ROWS):
+            stop = min(first + CHUNK_ROWS, len(rows))
+            joined[first:stop] = function(slice(rows.start + first, rows.start + stop))
+            if not first // CHUNK_ROWS % BLOCKS_HELD:
+                release(joined)
         return joined

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import Literal
 
 import torch
-from jaxtyping import Float, Int64
+from jaxtyping import Float, Int, Int64
 from torch import Tensor
 
 from addressed_dynamics.base.errors import TrainingError
@@ -12,10 +12,12 @@ from addressed_dynamics.base.params.training import AddressingTraining
 from addressed_dynamics.base.torch_runtime import named_generator
 from addressed_dynamics.features.common.augmentation import Augment
 from addressed_dynamics.features.common.samples import Samples
+from addressed_dynamics.features.common.spool import beside, release
 from addressed_dynamics.networks.addressing import addressing_scores
-from addressed_dynamics.networks.stacked import StackedMLP, in_chunks
+from addressed_dynamics.networks.stacked import CHUNK_ROWS, StackedMLP, in_blocks
 from addressed_dynamics.training.checkpoints import Checkpoint
-from addressed_dynamics.training.epochs import Epoch, Length, batches
+from addressed_dynamics.training.clustering import Make, best_members
+from addressed_dynamics.training.epochs import Epoch, Length, batches, row_dtype
 from addressed_dynamics.training.losses import cross_entropy, cross_entropy_of_heads
 from addressed_dynamics.training.update import StackTrainer
 
@@ -64,10 +66,10 @@ def train_addressing(
         made, seen = length.updates_after(epoch), length.samples_after(epoch)
         return Epoch(epoch, epoch == length.epochs, made, metrics, network, seen)
 
-    best = train_profiles.argmin(dim=1)
-    weights = misclassification_weights(train_profiles, params.tie_share) if variant == "cost_sensitive" else None
-    one_bin = torch.zeros(len(train), dtype=torch.int64)
-    everything = torch.arange(len(train))
+    best, make = best_members(train_profiles), beside(train)
+    costly = variant == "cost_sensitive"
+    weights = misclassification_weights(train_profiles, params.tie_share, make) if costly else None
+    one_bin = torch.zeros(len(train), dtype=torch.uint8)
     history, state = checkpoint.load() if checkpoint else ([], {})
     if history:
         generator.set_state(state.pop("generator"))
@@ -76,13 +78,13 @@ def train_addressing(
         yield ended(epoch, metrics)
     for epoch in range(len(history) + 1, length.epochs + 1):
         rate, total = trainer.learning_rate, 0.0
-        drawn = everything if weights is None else resample(weights, generator)
+        drawn = None if weights is None else resample(weights, generator, make)
         for batch in batches(one_bin, 1, params.batch_size, generator):
-            rows = drawn[batch.rows]
+            rows = batch.rows if drawn is None else drawn[batch.rows].long()
             x = train.x[rows]
             if augment is not None:
                 x, _ = augment(x, train.y[rows], generator)
-            total += float(trainer.update(x, best[rows], batch.weight))
+            total += float(trainer.update(x, best[rows].long(), batch.weight))
         if not total < float("inf"):
             message = "the loss of the addressing network is not finite: lower addressing.optimiser.learning_rate"
             raise TrainingError(message)
@@ -108,26 +110,44 @@ def untrained_addressing(inputs: int, members: int, params: AddressingTraining, 
     return StackedMLP(members, widths, params.activation, generator, shared=len(params.hidden))
 
 
-def misclassification_weights(profiles: Float[Tensor, "sample member"], tie_share: float) -> Float[Tensor, " sample"]:
+def misclassification_weights(
+    profiles: Float[Tensor, "sample member"], tie_share: float, make: Make = torch.empty
+) -> Float[Tensor, " sample"]:
     """Return how often each sample should be seen: by the square root of what a wrong choice costs; mean 1.
 
     Plain argmin targets treat a near tie and a disaster alike: the few wrong choices at a wall, where the velocity
     jumps, cost more than all others together. The cost of a wrong choice is the worst member's loss minus the best's.
     `tie_share` of the weight is spread evenly over all samples, so that near ties are still decided.
     """
-    cost = (profiles.max(dim=1).values - profiles.min(dim=1).values).double().sqrt()
-    return tie_share + (1.0 - tie_share) * cost / cost.mean().clamp(min=torch.finfo(cost.dtype).tiny)
+    costs = make(len(profiles), dtype=torch.float64)
+    for first in range(0, len(profiles), CHUNK_ROWS):
+        lowest, highest = torch.aminmax(profiles[first : first + CHUNK_ROWS], dim=1)
+        costs[first : first + CHUNK_ROWS] = (highest - lowest).double().sqrt()
+    mean = costs.mean().clamp(min=torch.finfo(costs.dtype).tiny)
+    costs.mul_(1.0 - tie_share).div_(mean).add_(tie_share)
+    release(profiles, costs)
+    return costs
 
 
-def resample(weights: Float[Tensor, " sample"], generator: torch.Generator) -> Int64[Tensor, " sample"]:
+def resample(
+    weights: Float[Tensor, " sample"], generator: torch.Generator, make: Make = torch.empty
+) -> Int[Tensor, " sample"]:
     """Return as many rows as there are, each drawn in proportion to its weight (systematic resampling).
 
     A sample of weight w is drawn floor(w) or ceil(w) times, so that the draw adds little noise of its own. Drawing
     costly samples more often trains better than weighting their loss: rare large steps become many ordinary ones.
     """
-    total = weights.double().cumsum(dim=0)
-    places = (torch.arange(len(weights)) + torch.rand(1, generator=generator, dtype=torch.float64)) / len(weights)
-    return torch.searchsorted(total, places * total[-1]).clamp(max=len(weights) - 1)
+    samples = len(weights)
+    total = make(samples, dtype=torch.float64)
+    torch.cumsum(weights.double(), dim=0, out=total)
+    release(weights)
+    begin = torch.rand(1, generator=generator, dtype=torch.float64)
+    drawn = torch.empty(samples, dtype=row_dtype(samples))
+    for first in range(0, samples, CHUNK_ROWS):
+        places = (torch.arange(first, min(first + CHUNK_ROWS, samples)) + begin) / samples
+        found = torch.searchsorted(total, places * total[-1]).clamp(max=samples - 1)
+        drawn[first : first + CHUNK_ROWS] = found.to(drawn.dtype)
+    return drawn
 
 
 def choose(network: StackedMLP, samples: Samples) -> Int64[Tensor, " sample"]:
@@ -163,5 +183,4 @@ def confusion_matrix(
 
 
 def _scores(network: StackedMLP, samples: Samples) -> Float[Tensor, "sample member"]:
-    everything = torch.arange(len(samples))
-    return in_chunks(lambda rows: addressing_scores(network, samples.x[rows]), everything, sample_dim=0)
+    return in_blocks(lambda rows: addressing_scores(network, samples.x[rows]), range(len(samples)))

@@ -165,7 +165,7 @@ def _train(
         trainer.adam.restore(state)
     for epoch, metrics in enumerate(history, start=1):
         yield ended(epoch, metrics)
-    one_bin = torch.zeros(len(train), dtype=torch.int64)
+    one_bin = torch.zeros(len(train), dtype=torch.uint8)
     for epoch in range(len(history) + 1, length.epochs + 1):
         rate, total = trainer.adam.learning_rate, 0.0
         for batch in islice(batches(one_bin, 1, params.batch_size, generator), length.updates_in(epoch)):

@@ -5,7 +5,7 @@ from itertools import islice
 from typing import Literal
 
 import torch
-from jaxtyping import Float, Int64
+from jaxtyping import Float, Int16, Int64, Shaped
 from torch import Tensor
 
 from addressed_dynamics.base.errors import TrainingError
@@ -14,10 +14,11 @@ from addressed_dynamics.base.torch_runtime import named_generator
 from addressed_dynamics.features.common.augmentation import Augment
 from addressed_dynamics.features.common.courses import Courses
 from addressed_dynamics.features.common.samples import Samples
+from addressed_dynamics.features.common.spool import beside, release
 from addressed_dynamics.networks.ridge import Ridge, fit_ridge, linear_maps
-from addressed_dynamics.networks.stacked import StackedMLP, in_chunks
+from addressed_dynamics.networks.stacked import BLOCKS_HELD, CHUNK_ROWS, StackedMLP, in_blocks
 from addressed_dynamics.training.checkpoints import Checkpoint
-from addressed_dynamics.training.clustering import assign_to_bins, draw_bins
+from addressed_dynamics.training.clustering import Make, best_members, bins_dtype, draw_bins, small_bins
 from addressed_dynamics.training.epochs import Batch, Epoch, Length, batches, overlapping
 from addressed_dynamics.training.losses import REGRESSION_LOSSES, loss_per_sample, loss_profile, reported_loss
 from addressed_dynamics.training.shares import ALONE, Shares
@@ -127,8 +128,9 @@ def train_ensemble(
 
     judged_by = "loss/rollout" if params.horizon > 1 else "loss/validation"
     stopping = Stopping(length.epochs, params.early_stopping, judged_by, first=search + 1)
-    bins = torch.randint(0, members, (len(train),), generator=named_generator(seed, "ensemble/random_bins"))
-    near = torch.full_like(bins, -1)
+    fixed = named_generator(seed, "ensemble/random_bins")
+    bins = torch.randint(0, members, (len(train),), generator=fixed, dtype=bins_dtype(members))
+    near = torch.full((len(train) if params.overlap else 0,), -1, dtype=torch.int16)
     history, state = checkpoint.load() if checkpoint else ([], {})
     trainer = begin(max(len(history), 1))
     kept = trainer.parameters()
@@ -145,10 +147,13 @@ def train_ensemble(
             trainer = begin(epoch)
         stack, previous = trainer.stack, bins
         if binning != "random" and epoch <= params.cluster_epochs:
-            profiles = evaluate_profiles(stack, train, params.loss, shares=shares)
-            bins = _equal_bins(profiles, params, epoch, generator) if binning == "equal" else profiles.argmin(dim=1)
+            make = beside(train)
+            profiles = evaluate_profiles(stack, train, params.loss, shares=shares, make=make)
+            equal = binning == "equal"
+            bins = _equal_bins(profiles, params, epoch, generator, make) if equal else best_members(profiles)
             if params.overlap:
                 near = _best_of_the_others(profiles, bins)
+            del profiles
         rate = trainer.learning_rate
         passed: Iterable[Batch] = batches(bins, members, params.batch_size, generator)
         if params.overlap and epoch > params.cluster_epochs:
@@ -158,11 +163,11 @@ def train_ensemble(
         member_losses = _train_one_epoch(trainer, train, passed, generator, augment, horizon, shares) * loss_unit
         metrics = {"loss/train": float(member_losses.mean()), "learning_rate": rate}
         metrics |= {f"loss_member/{k}": float(loss) for k, loss in enumerate(member_losses)}
-        metrics |= specialisation(evaluate_profiles(stack, validation, reported, shares=shares) * loss_unit)
+        metrics |= specialisation(evaluate_profiles(stack, validation, reported, shares=shares).mul_(loss_unit))
         if params.horizon > 1:
-            unrolled = evaluate_profiles(stack, validation, reported, params.horizon, shares) * loss_unit
+            unrolled = evaluate_profiles(stack, validation, reported, params.horizon, shares).mul_(loss_unit)
             metrics |= {"horizon": float(horizon), "loss/rollout": float(unrolled.min(dim=1).values.double().mean())}
-        metrics["bins/changed"] = float((bins != previous).double().mean()) if epoch > 1 else 1.0
+        metrics["bins/changed"] = int((bins != previous).count_nonzero()) / len(bins) if epoch > 1 else 1.0
         history.append(metrics)
         if params.early_stopping and stopping.kept(history) == epoch:
             kept = trainer.parameters()
@@ -174,22 +179,31 @@ def train_ensemble(
 
 
 def _equal_bins(
-    profiles: Float[Tensor, "sample member"], params: EnsembleParams, epoch: int, generator: torch.Generator
-) -> Int64[Tensor, " sample"]:
+    profiles: Float[Tensor, "sample member"],
+    params: EnsembleParams,
+    epoch: int,
+    generator: torch.Generator,
+    make: Make,
+) -> Shaped[Tensor, " sample"]:
     """Return the bins of an epoch: by Algorithm 1, or drawn, if the temperature has not fallen to 0 yet."""
     left = params.cluster_epochs - epoch
     if not left or not params.temperature:
-        return assign_to_bins(profiles, params.slack)
+        return small_bins(profiles, params.slack, make=make)
     return draw_bins(profiles, params.temperature * left / (params.cluster_epochs - 1), generator)
 
 
 def _best_of_the_others(
-    profiles: Float[Tensor, "sample member"], bins: Int64[Tensor, " sample"]
-) -> Int64[Tensor, " sample"]:
+    profiles: Float[Tensor, "sample member"], bins: Shaped[Tensor, " sample"]
+) -> Int16[Tensor, " sample"]:
     """Return for each sample the best of the members that do not have it in their bins; -1 if there is only one."""
     if profiles.shape[1] == 1:
-        return torch.full_like(bins, -1)
-    return profiles.scatter(1, bins.unsqueeze(1), float("inf")).argmin(dim=1)
+        return torch.full((len(bins),), -1, dtype=torch.int16)
+
+    def of_block(rows: slice) -> Int16[Tensor, " sample"]:
+        others = profiles[rows].scatter(1, bins[rows].long().unsqueeze(1), float("inf"))
+        return others.argmin(dim=1).to(torch.int16)
+
+    return in_blocks(of_block, range(len(bins)))
 
 
 def untrained_ensemble(inputs: int, outputs: int, params: EnsembleParams, *, seed: int) -> StackedMLP:
@@ -207,21 +221,29 @@ def _start_from(start: Ridge, stack: StackedMLP) -> None:
 
 
 def evaluate_profiles(
-    stack: StackedMLP, samples: Samples, loss: str, horizon: int = 1, shares: Shares = ALONE
+    stack: StackedMLP,
+    samples: Samples,
+    loss: str,
+    horizon: int = 1,
+    shares: Shares = ALONE,
+    *,
+    make: Make = torch.empty,
 ) -> Float[Tensor, "sample member"]:
     """Return the loss profile of every sample, in the unit of the normalised targets.
 
     With a horizon of several steps, a loss is the mean over the steps from a sample that are known, `horizon` at most,
-    in which a member goes on from its own predictions. Of several processes each evaluates some of the samples.
+    in which a member goes on from its own predictions. Of several processes each evaluates some of the samples. `make`
+    makes the tensor that the profiles are written to.
     """
 
-    def profiles(rows: Int64[Tensor, " sample"]) -> Float[Tensor, "sample member"]:
+    def of_block(rows: slice) -> Float[Tensor, "sample member"]:
+        if not rows.start // CHUNK_ROWS % BLOCKS_HELD:
+            release(samples.x, samples.y)
         if horizon > 1:
-            return in_chunks(lambda part: _unrolled(stack, samples, part, loss, horizon), rows, sample_dim=0)
-        outputs = in_chunks(lambda part: stack.forward_all(samples.x[part]), rows, sample_dim=1)
-        return loss_profile(outputs, samples.y[rows], loss)
+            return _unrolled(stack, samples, torch.arange(rows.start, rows.stop), loss, horizon)
+        return loss_profile(stack.forward_all(samples.x[rows]), samples.y[rows], loss)
 
-    return shares.of_all(profiles, len(samples))
+    return shares.of_all(lambda rows: in_blocks(of_block, rows, make=make), len(samples))
 
 
 def _unrolled(

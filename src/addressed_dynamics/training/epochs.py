@@ -5,11 +5,14 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float, Int64
+from jaxtyping import Float, Int, Int64, Shaped
 from torch import Tensor
 
 from addressed_dynamics.base.errors import TrainingError
 from addressed_dynamics.networks.stacked import StackedMLP
+
+BLOCK_ROWS = 2**20
+"""Samples that are looked at together where those of a bin are listed."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +44,7 @@ class Batch:
 
 
 def batches(
-    bins: Int64[Tensor, " sample"], members: int, batch_size: int, generator: torch.Generator
+    bins: Shaped[Tensor, " sample"], members: int, batch_size: int, generator: torch.Generator
 ) -> Iterator[Batch]:
     """Yield one pass of every member over its own bin, in random order, in batches.
 
@@ -50,24 +53,47 @@ def batches(
     a smaller one repeats itself, and a member without samples has weight 0 throughout.
     """
     length = math.ceil(len(bins) / members)
-    rows = torch.zeros(members, length, dtype=torch.int64)
-    weight = torch.ones(members, length)
+    rows = torch.zeros(members, length, dtype=row_dtype(len(bins)))
+    weight = torch.ones(members, batch_size)
+    one_short = list[int]()
     for member in range(members):
-        own = torch.nonzero(bins == member).squeeze(1)
+        own = rows_where(bins, member)
         if not len(own):
             weight[member] = 0.0
             continue
-        rounds = [own[torch.randperm(len(own), generator=generator)] for _ in range(math.ceil(length / len(own)))]
-        rows[member] = torch.cat(rounds)[:length]
+        for first in range(0, length, len(own)):
+            order = torch.randperm(len(own), generator=generator, dtype=own.dtype)[: length - first]
+            torch.index_select(own, 0, order, out=rows[member, first : first + len(own)])
         if len(own) == length - 1:
-            weight[member, -1] = 0.0
+            one_short.append(member)
     for start in range(0, length, batch_size):
-        part = weight[:, start : start + batch_size]
-        yield Batch(rows[:, start : start + batch_size], part / part.sum(dim=1, keepdim=True).clamp(min=1.0))
+        part = weight[:, : min(batch_size, length - start)]
+        if one_short and start + batch_size >= length:
+            part = part.clone()
+            part[one_short, -1] = 0.0
+        share = part / part.sum(dim=1, keepdim=True).clamp(min=1.0)
+        yield Batch(rows[:, start : start + batch_size].long(), share)
+
+
+def row_dtype(samples: int) -> torch.dtype:
+    """Return the smaller type that the numbers of so many rows fit into."""
+    return torch.int32 if samples < 2**31 else torch.int64
+
+
+def rows_where(values: Shaped[Tensor, " sample"], value: int) -> Int[Tensor, " row"]:
+    """Return the rows that have a value, block by block: of all at once, each would take 8 bytes more."""
+    blocks = range(0, len(values), BLOCK_ROWS)
+    counts = [int((values[first : first + BLOCK_ROWS] == value).count_nonzero()) for first in blocks]
+    rows, begin = torch.empty(sum(counts), dtype=row_dtype(len(values))), 0
+    for first, count in zip(blocks, counts, strict=True):
+        found = torch.nonzero(values[first : first + BLOCK_ROWS] == value).squeeze(1)
+        rows[begin : begin + count] = found + first
+        begin += count
+    return rows
 
 
 def overlapping(
-    passed: Iterable[Batch], near: Int64[Tensor, " sample"], members: int, share: float, generator: torch.Generator
+    passed: Iterable[Batch], near: Shaped[Tensor, " sample"], members: int, share: float, generator: torch.Generator
 ) -> Iterator[Batch]:
     """Yield batches in which a share of each member's samples are others, drawn from those that it is near to.
 
@@ -78,13 +104,13 @@ def overlapping(
         share: share of the samples.
         generator: what draws.
     """
-    neighbours = [torch.nonzero(near == member).squeeze(1) for member in range(members)]
+    neighbours = [rows_where(near, member) for member in range(members)]
     for batch in passed:
         rows = batch.rows.clone()
         drawn = round(share * rows.shape[1])
         for member, others in enumerate(neighbours):
             if len(others):
-                rows[member, :drawn] = others[torch.randint(0, len(others), (drawn,), generator=generator)]
+                rows[member, :drawn] = others[torch.randint(0, len(others), (drawn,), generator=generator)].long()
         yield Batch(rows, batch.weight)
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import torch
 import torch.distributed as dist
-from jaxtyping import Float, Int64
+from jaxtyping import Float
 from torch import Tensor
 
 from addressed_dynamics.base.errors import TrainingError
@@ -66,19 +66,18 @@ class Shares:
         return total
 
     def of_all(
-        self, compute: Callable[[Int64[Tensor, " part"]], Float[Tensor, "part value"]], samples: int
+        self, compute: Callable[[range], Float[Tensor, "part value"]], samples: int
     ) -> Float[Tensor, "sample value"]:
         """Return what `compute` finds for all samples, each found by one of the processes.
 
         `compute` is given consecutive samples that begin with a block of `CHUNK_ROWS`: what it does block by block, it
         does for the same blocks whatever the number of processes.
         """
-        everything = torch.arange(samples)
         if self.workers == 1:
-            return compute(everything)
+            return compute(range(samples))
         blocks = -(-samples // CHUNK_ROWS)
         longest = -(-blocks // self.workers) * CHUNK_ROWS
-        found = compute(everything[self.rank * longest : (self.rank + 1) * longest])
+        found = compute(range(samples)[self.rank * longest : (self.rank + 1) * longest])
         padded = found.new_zeros(longest, *found.shape[1:])
         padded[: len(found)] = found
         return self._gathered(padded)[:samples]

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from addressed_dynamics.base.errors import TransitionsError
 from addressed_dynamics.features.common.samples import Dropped
 from addressed_dynamics.features.transitions.spec import fit_features
-from addressed_dynamics.features.transitions.windows import shorter_episodes, window_rows, windows
+from addressed_dynamics.features.transitions.windows import episode_lengths, shorter_episodes, window_rows, windows
 from addressed_dynamics.sources.transitions.params import FeatureParams
 
 
@@ -41,7 +41,7 @@ def test_episodes_without_a_window_are_counted_with_their_rows(lengths: list[int
     transitions = car_transitions(lengths)
     without = set(transitions.episode.tolist()) - set(transitions.episode[window_rows(transitions, history)].tolist())
     rows = int(np.isin(transitions.episode, list(without)).sum())
-    assert shorter_episodes(transitions, history) == Dropped(len(without), rows)
+    assert shorter_episodes(episode_lengths([transitions]), history) == Dropped(len(without), rows)
 
 
 def test_episodes_that_are_all_shorter_than_the_history_are_an_error_that_counts_them() -> None:

@@ -9,6 +9,7 @@ import torch
 from addressed_dynamics.sources.thermostat.params import FeatureParams, ThermostatParams
 
 from addressed_dynamics.features.common.samples import Samples
+from addressed_dynamics.features.common.spool import Spool
 from addressed_dynamics.features.common.training_data import TrainingData
 
 
@@ -50,9 +51,10 @@ def load_training_data(
     features: FeatureParams | ThermostatFeatures,
     *,
     augmented: bool = True,
+    spool: Spool | None = None,
 ) -> TrainingData[ThermostatFeatures]:
     """Read the samples, with features to be made or those of a model."""
-    del sections, augmented
+    del sections, augmented, spool
     spec = ThermostatFeatures(features.scale)
     with np.load(tables / "values.npz") as arrays:
         samples = spec.samples(arrays["train"])

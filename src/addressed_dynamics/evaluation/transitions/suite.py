@@ -33,7 +33,7 @@ from addressed_dynamics.evaluation.transitions.rollouts import (
 from addressed_dynamics.evaluation.transitions.summary import DELIVERED
 from addressed_dynamics.evaluation.transitions.truth import TrueRollouts
 from addressed_dynamics.features.transitions.spec import FeatureSpec
-from addressed_dynamics.features.transitions.windows import shorter_episodes
+from addressed_dynamics.features.transitions.windows import episode_lengths, shorter_episodes
 from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.simulators.addressed import AddressedDynamics
 from addressed_dynamics.sources.transitions.params import EnvironmentRollouts, RecordedRollouts
@@ -71,7 +71,7 @@ def held_out(points: Points) -> dict[str, Any]:
     return {
         "transitions": len(points),
         "episodes": len(set(points.episode.tolist())),
-        "dropped": asdict(shorter_episodes(points.transitions, points.features.history)),
+        "dropped": asdict(shorter_episodes(episode_lengths([points.transitions]), points.features.history)),
     }
 
 

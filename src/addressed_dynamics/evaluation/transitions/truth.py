@@ -15,7 +15,7 @@ from addressed_dynamics.base.errors import EvaluationError
 from addressed_dynamics.episodes.transitions import Dimension, Transitions
 from addressed_dynamics.evaluation.common.bootstrap import FEWEST_ROLLOUTS
 from addressed_dynamics.features.common.samples import Dropped
-from addressed_dynamics.features.transitions.windows import shorter_episodes
+from addressed_dynamics.features.transitions.windows import episode_lengths, shorter_episodes
 from addressed_dynamics.sources.transitions.params import EnvironmentRollouts, RecordedRollouts
 
 
@@ -141,7 +141,7 @@ def replay_recorded(
     states = np.concatenate([history_states[:, -1:], test.next_observation[within]], axis=1)
     groups = _segment_groups([starts[start] for start in chosen.tolist()])
     too_short = {segment: length for segment, length in longest.items() if length < steps + history - 1}
-    dropped = shorter_episodes(test, steps + history - 1)
+    dropped = shorter_episodes(episode_lengths([test]), steps + history - 1)
     beside = (np.diff(chosen) < steps) & (np.diff(test.episode[chosen]) == 0)
     return TrueRollouts(
         states,

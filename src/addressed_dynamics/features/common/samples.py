@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import final
 
 import torch
-from jaxtyping import Float, Int64
+from jaxtyping import Float, Int, Int64
 from torch import Tensor
 
 from addressed_dynamics.base.errors import TransitionsError
@@ -38,7 +38,7 @@ class Windows:
 
     frames: Float[Tensor, "row column"]
     """Normalised frames of all rows; contiguous."""
-    last: Int64[Tensor, " sample"]
+    last: Int[Tensor, " sample"]
     """The last row of each window; the others are those just before it."""
     weights: Float[Tensor, "frame 1"]
     """By what each frame of a window is multiplied, oldest first."""
@@ -73,9 +73,9 @@ class Samples:
     """Normalised state and action."""
     y: Float[Tensor, "sample output"]
     """Normalised target."""
-    episode: Int64[Tensor, " sample"]
+    episode: Int[Tensor, " sample"]
     """The episode the sample was taken from."""
-    step: Int64[Tensor, " sample"]
+    step: Int[Tensor, " sample"]
     """The step in that episode."""
     courses: Courses | None = None
     """How it goes on after each sample; None if nobody asked, or networks cannot go on from what they predict."""
@@ -86,7 +86,7 @@ class Samples:
             message = f"samples need x and y of two dimensions and equal lengths, but have lengths {sorted(lengths)}"
             raise TransitionsError(message)
         x = self.x.frames if isinstance(self.x, Windows) else self.x
-        if not (torch.isfinite(x).all() and torch.isfinite(self.y).all()):
+        if not all(bool(torch.isfinite(block).all()) for values in (x, self.y) for block in _blocks(values)):
             message = "samples hold a value that is not finite"
             raise TransitionsError(message)
 
@@ -108,12 +108,11 @@ def fingerprint(*tensors: Tensor | Windows) -> str:
     digest = hashlib.blake2b(digest_size=16)
     for tensor in tensors:
         digest.update(str(tuple(tensor.shape)).encode())
-        whole = [tensor] if isinstance(tensor, Tensor) else _blocks(tensor)
-        for block in whole:
+        for block in _blocks(tensor):
             digest.update(block.contiguous().numpy().data)
     return digest.hexdigest()
 
 
-def _blocks(windows: Windows) -> Iterator[Float[Tensor, "sample input"]]:
-    for first in range(0, len(windows), BLOCK_ROWS):
-        yield windows[first : first + BLOCK_ROWS]
+def _blocks(values: Tensor | Windows) -> Iterator[Float[Tensor, "sample ..."]]:
+    for first in range(0, len(values), BLOCK_ROWS):
+        yield values[first : first + BLOCK_ROWS]

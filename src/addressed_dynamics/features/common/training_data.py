@@ -1,13 +1,16 @@
 """What networks are trained on, and how it was made."""
 
+import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar
 
 from torch import Tensor
 
 from addressed_dynamics.features.common.augmentation import Augment
-from addressed_dynamics.features.common.samples import Dropped, Samples, Windows
+from addressed_dynamics.features.common.samples import Dropped, Samples, Windows, fingerprint
 
 
 class AnyFeatures(Protocol):
@@ -71,6 +74,19 @@ class TrainingData(Generic[Features]):
     """The same of the linear map by which the last change goes on; None if inputs are of one frame."""
     last_frame: int | None = None
     """Number of inputs that are of the last frame, the last ones; None if all of them are."""
+
+    spools: tuple[Path, ...] = ()
+    """Folders of the samples that are larger than memory; `discard` them when what is trained is written."""
+
+    def discard(self) -> None:
+        """Remove the files of samples that are larger than memory, if there are any."""
+        for folder in self.spools:
+            shutil.rmtree(folder, ignore_errors=True)
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """A hash of everything that a training may see."""
+        return fingerprint(*self.tensors)
 
     @property
     def tensors(self) -> tuple[Tensor | Windows, ...]:

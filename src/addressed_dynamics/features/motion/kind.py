@@ -4,6 +4,7 @@ from pathlib import Path
 
 from torch import from_numpy
 
+from addressed_dynamics.features.common.spool import Spool
 from addressed_dynamics.features.common.training_data import TrainingData
 from addressed_dynamics.features.motion.augmentation import MotionAugmentation
 from addressed_dynamics.features.motion.features import MotionFeatures, fit_motion_features
@@ -22,6 +23,7 @@ def load_training_data(
     features: MotionFeatureParams | MotionFeatures,
     *,
     augmented: bool = True,
+    spool: Spool | None = None,  # noqa: ARG001 - motion is trained on from memory
 ) -> TrainingData[MotionFeatures]:
     """Read the training and validation samples in `tables`, with features to be fitted or those of a model."""
     train, validation = load_motion(tables, "train"), load_motion(tables, "validation")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, final
 
 import torch
-from jaxtyping import Float, Int64
+from jaxtyping import Float, Int, Int64
 from torch import Tensor
 
 from addressed_dynamics.features.common.courses import Unrolled
@@ -29,9 +29,9 @@ class TransitionCourses:
     """States of all rows, in the environment's units."""
     next_observation: Float[Tensor, "row observation"]
     """States after them."""
-    first: Int64[Tensor, " sample"]
+    first: Int[Tensor, " sample"]
     """The row of each sample."""
-    last: Int64[Tensor, " sample"]
+    last: Int[Tensor, " sample"]
     """The last row of its episode."""
 
     def steps(self, samples: Int64[Tensor, "*batch"]) -> Int64[Tensor, "*batch"]:

@@ -5,8 +5,10 @@ It is saved with every model, so that a model folder alone can predict from raw 
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from functools import cached_property
+from itertools import chain
 from typing import Any, Literal
 
 import numpy as np
@@ -16,16 +18,20 @@ from torch import Tensor
 
 from addressed_dynamics.base.errors import ModelError, TransitionsError
 from addressed_dynamics.episodes.bounds import meant_bounds
+from addressed_dynamics.episodes.statistics import Moments
 from addressed_dynamics.episodes.transitions import Dimension, DiscreteAction, SpaceSpec, Transitions
-from addressed_dynamics.features.common.samples import Samples, Windows
+from addressed_dynamics.features.common.samples import Samples
+from addressed_dynamics.features.common.spool import InMemory
 from addressed_dynamics.features.transitions.angles import angle_of, velocity_from_angles
-from addressed_dynamics.features.transitions.courses import TransitionCourses
-from addressed_dynamics.features.transitions.windows import check_lengths, last_rows, window_rows
+from addressed_dynamics.features.transitions.sampling import samples_of, write_samples
+from addressed_dynamics.features.transitions.windows import EpisodeLengths, check_lengths, parts_of
 from addressed_dynamics.sources.transitions.params import AngleParams, FeatureParams
 
 DEVIATION_FLOOR = 1e-6
 """Least standard deviation an input is divided by, as a share of the range of its dimension (or of 1): a constant
 column must not become a division by nearly nothing."""
+STATISTICS_ROWS = 2**16
+"""Rows whose mean and deviation are taken at once, to be merged with those of the others."""
 
 
 @dataclass(frozen=True)
@@ -154,7 +160,7 @@ class FeatureSpec:
                 of the spaces'.
         """
         self.check_observation(observation)
-        return self.join(self._frames(observation, action, exogenous))
+        return self.join(self.frames(observation, action, exogenous))
 
     def encode_one(
         self, observation: Tensor, action: Tensor, exogenous: Tensor | None
@@ -240,7 +246,7 @@ class FeatureSpec:
 
     def join(self, frames: Float[Tensor, "*batch frame"]) -> Float[Tensor, "*batch input"]:
         """Return the inputs of a network from normalised frames, (*batch, H, n), oldest first, or (*batch, n)."""
-        return frames if self.history == 1 else (frames * self._frame_weights).flatten(start_dim=-2)
+        return frames if self.history == 1 else (frames * self.frame_weights).flatten(start_dim=-2)
 
     def encode_target(
         self, observation: Float[Tensor, "*batch observation"], next_observation: Float[Tensor, "*batch observation"]
@@ -281,35 +287,22 @@ class FeatureSpec:
         states = (observation - of.state_mean) / of.state_deviation
         return torch.cat([states, frames[..., observation.shape[-1] :]], dim=-1)
 
-    def samples(self, transitions: Transitions, *, courses: bool = False) -> Samples:
-        """Return the samples of `transitions`, in their order.
+    def samples(self, transitions: Transitions | Iterable[Transitions], *, courses: bool = False) -> Samples:
+        """Return the samples of `transitions`, in their order, in memory.
 
         There is one for each row that has H - 1 rows of its own episode before it.
 
         Args:
-            transitions: what to take them from.
+            transitions: what to take them from, whole or in parts, each of which may end inside an episode.
             courses: whether networks are to go on from what they predict.
 
         Raises:
             ModelError: the transitions are of other spaces.
             TransitionsError: there are transitions, but no episode is as long as the history.
         """
-        if transitions.spec != self.spaces:
-            message = "the transitions' spaces are not those the features were made for"
-            raise ModelError(message)
-        check_lengths(transitions, self.history)
-        observation, action = torch.from_numpy(transitions.observation), torch.from_numpy(transitions.action)
-        rows = torch.from_numpy(window_rows(transitions, self.history))
-        frames = self._frames(observation, action, torch.from_numpy(transitions.exogenous))
-        following = torch.from_numpy(transitions.next_observation)
-        last = torch.from_numpy(last_rows(transitions))[rows] if courses else rows
-        return Samples(
-            x=frames[rows] if self.history == 1 else Windows(frames.contiguous(), rows, self._frame_weights),
-            y=self.encode_target(observation[rows], following[rows]),
-            episode=torch.from_numpy(transitions.episode)[rows],
-            step=torch.from_numpy(transitions.step.astype(np.int64))[rows],
-            courses=TransitionCourses(self, frames, observation, following, rows, last) if courses else None,
-        )
+        sink = InMemory()
+        write_samples(self, parts_of(transitions), sink, courses=courses)
+        return samples_of(self, sink.columns(), courses=courses)
 
     def angle(self, angle: Angle, observation: Float[Tensor, "*batch observation"]) -> Float[Tensor, "*batch"]:
         """Return one of the angles of states, in rad in [-pi, pi]."""
@@ -329,7 +322,7 @@ class FeatureSpec:
         weight, bias = torch.zeros(self.inputs, self.outputs), -torch.tensor(self.target_mean)
         if self.target == "absolute":
             last = self.inputs - len(self.input_mean)
-            size = float(self._frame_weights[-1])
+            size = float(self.frame_weights[-1])
             for output, dimension in enumerate(self.predicted):
                 weight[last + dimension, output] = self.input_deviation[dimension] / self.scale[dimension] / size
                 bias[output] += self.input_mean[dimension] / self.scale[dimension]
@@ -345,7 +338,7 @@ class FeatureSpec:
             return None
         weight, bias = self.persistence
         last = self.inputs - self.frame_inputs
-        before, sizes = last - self.frame_inputs, self._frame_weights.flatten().tolist()
+        before, sizes = last - self.frame_inputs, self.frame_weights.flatten().tolist()
         for output, dimension in enumerate(self.predicted):
             unit = self.input_deviation[dimension] / self.scale[dimension] / self.target_deviation
             weight[last + dimension, output] += unit / sizes[-1]
@@ -389,7 +382,8 @@ class FeatureSpec:
         return spec
 
     @property
-    def _frame_weights(self) -> Float[Tensor, "frame 1"]:
+    def frame_weights(self) -> Float[Tensor, "frame 1"]:
+        """By what each frame of a window is multiplied, oldest first."""
         weights = torch.full((self.history, 1), self.history_weight)
         weights[-1] = 1.0
         return weights / weights.square().mean().sqrt()
@@ -411,13 +405,17 @@ class FeatureSpec:
                 message = f"{name} should have {expected} numbers, but has {len(getattr(self, name))}"
                 raise ValueError(message)
 
-    def _frames(
+    def frames(
         self,
         observation: Float[Tensor, "*batch observation"],
         action: Tensor,
         exogenous: Tensor | None,
     ) -> Float[Tensor, "*batch frame"]:
-        """Return states, actions and exogenous inputs as normalised inputs side by side."""
+        """Return states, actions and exogenous inputs as normalised inputs side by side.
+
+        Raises:
+            ModelError: a shape is wrong, a discrete action does not exist, or exogenous inputs are missing.
+        """
         batch, of = observation.shape[:-1], self.constants
         states = (observation.to(torch.float32) - of.state_mean) / of.state_deviation
         known = self.encode_exogenous(exogenous, batch)
@@ -472,7 +470,7 @@ class FeatureSpec:
     @cached_property
     def _arrays(self) -> dict[str, Float32[np.ndarray, " ..."]]:
         arrays = {name: value.numpy() for name, value in vars(self.constants).items()}
-        return {**arrays, "frame_weights": self._frame_weights.numpy()}
+        return {**arrays, "frame_weights": self.frame_weights.numpy()}
 
     def _turned(
         self, angle: Angle, columns: dict[int, Tensor], before: Float[Tensor, "sample observation"]
@@ -494,55 +492,103 @@ class FeatureSpec:
         return {**turned, index: velocity.clamp(bounds.low, bounds.high)}
 
 
-def fit_features(train: Transitions, params: FeatureParams) -> FeatureSpec:
+def fit_features(train: Transitions | Iterable[Transitions], params: FeatureParams) -> FeatureSpec:
     """Choose the normalisation from training transitions alone.
 
     The scale of a dimension is its range by the environment's bounds; where these are infinite, or a million times as
     far apart as the data, the range of the data.
 
+    Means and deviations are merged from those of blocks of `STATISTICS_ROWS` rows, however the transitions come.
+
+    Args:
+        train: the transitions, whole or in parts, each of which may end inside an episode.
+        params: what networks are given and asked for.
+
     Raises:
         TransitionsError: there are no transitions, or no episode is as long as the history; or an angle names a
             dimension that the observation lacks or that is part of another, or has a name that is taken.
     """
-    if not len(train):
+    parts = iter(parts_of(train))
+    first = next((part for part in parts if len(part)), None)
+    if first is None:
         message = "there are no training transitions to take statistics from: record more episodes"
         raise TransitionsError(message)
-    check_lengths(train, params.history)
+    spaces, lengths = first.spec, EpisodeLengths()
     angles = tuple(Angle(**angle.model_dump()) for angle in params.angles)
-    _check_angles(train.spec, angles)
-    predicted = predicted_dimensions(train.spec, angles, params.velocity)
-    observation, next_observation = train.observation.astype(np.float64), train.next_observation.astype(np.float64)
-    spread = _spread(train.spec.observation, observation)
+
+    def columns() -> Iterator[Float[np.ndarray, "row column"]]:
+        for part in chain([first], parts):
+            lengths.places(part)
+            yield np.concatenate(_statistics_columns(part, params), axis=1)
+
+    found = _moments(columns())
+    check_lengths(lengths.all(), params.history)
+    _check_angles(spaces, angles)
+    predicted = list(predicted_dimensions(spaces, angles, params.velocity))
+    states, exogenous = len(spaces.observation), len(spaces.exogenous)
+    inputs = len(found.mean) - states
+    spread = _spread(spaces.observation, found.minimum[:states], found.maximum[:states])
     scale = np.where(spread > 0, spread, 1.0)
-    action, action_scale = _action_columns(train)
-    exogenous = train.exogenous.astype(np.float64)
-    exogenous_spread = _spread(train.spec.exogenous, exogenous)
-    inputs = np.concatenate([observation, action, exogenous], axis=1)
-    exogenous_scale = np.where(exogenous_spread > 0, exogenous_spread, 1.0)
-    floor = DEVIATION_FLOOR * np.concatenate([scale, action_scale, exogenous_scale])
-    targets = (next_observation - observation if params.target == "change" else next_observation) / scale
-    targets = targets[:, predicted]
+    known = slice(inputs - exogenous, inputs)
+    exogenous_spread = _spread(spaces.exogenous, found.minimum[known], found.maximum[known])
+    if isinstance(spaces.action, DiscreteAction):
+        action_spread = np.ones(spaces.action.count)
+    else:
+        action_spread = (found.maximum - found.minimum)[states : inputs - exogenous]
+    spreads = np.concatenate([scale, *(np.where(each > 0, each, 1.0) for each in (action_spread, exogenous_spread))])
+    target_deviations = (found.std[inputs:] / scale)[predicted]
     return FeatureSpec(
-        spaces=train.spec,
+        spaces=spaces,
         history=params.history,
         history_weight=params.history_weight,
         target=params.target,
         angles=angles,
         angle_from=params.angle_from,
         velocity=params.velocity,
-        input_mean=tuple(map(float, inputs.mean(axis=0))),
-        input_deviation=tuple(map(float, np.maximum(inputs.std(axis=0), floor))),
+        input_mean=tuple(map(float, found.mean[:inputs])),
+        input_deviation=tuple(map(float, np.maximum(found.std[:inputs], DEVIATION_FLOOR * spreads))),
         scale=tuple(map(float, scale)),
-        target_mean=tuple(map(float, targets.mean(axis=0))),
-        target_deviation=float(max(np.sqrt(targets.var(axis=0).mean()), DEVIATION_FLOOR)),
+        target_mean=tuple(map(float, (found.mean[inputs:] / scale)[predicted])),
+        target_deviation=float(max(np.sqrt(np.square(target_deviations).mean()), DEVIATION_FLOOR)),
     )
 
 
+def _statistics_columns(part: Transitions, params: FeatureParams) -> list[Float[np.ndarray, "row column"]]:
+    """Return the inputs of a frame and the targets, not normalised, in float64."""
+    observation, after = part.observation.astype(np.float64), part.next_observation.astype(np.float64)
+    kind = part.spec.action
+    action = np.eye(kind.count)[part.action] if isinstance(kind, DiscreteAction) else part.action.astype(np.float64)
+    targets = after - observation if params.target == "change" else after
+    return [observation, action, part.exogenous.astype(np.float64), targets]
+
+
+def _moments(parts: Iterable[Float[np.ndarray, "row column"]]) -> Moments:
+    """Return the moments of rows, of which there are some, merged from those of blocks of `STATISTICS_ROWS` rows."""
+    found, waiting, count = None, list[np.ndarray](), 0
+
+    def merged(found: Moments | None, block: Float[np.ndarray, "row column"]) -> Moments:
+        return Moments.of(block) if found is None else found.merge(Moments.of(block))
+
+    for part in parts:
+        waiting.append(part)
+        count += len(part)
+        if count >= STATISTICS_ROWS:
+            rows = np.concatenate(waiting)
+            whole = count - count % STATISTICS_ROWS
+            for first in range(0, whole, STATISTICS_ROWS):
+                found = merged(found, rows[first : first + STATISTICS_ROWS])
+            waiting, count = [rows[whole:]], count - whole
+    if count or found is None:
+        found = merged(found, np.concatenate(waiting))
+    return found
+
+
 def _spread(
-    dimensions: tuple[Dimension, ...], values: Float64[np.ndarray, "sample dimension"]
+    dimensions: tuple[Dimension, ...],
+    lowest: Float64[np.ndarray, " dimension"],
+    highest: Float64[np.ndarray, " dimension"],
 ) -> Float64[np.ndarray, " dimension"]:
     """Return the range of each dimension: by its bounds, if they say something about the data."""
-    lowest, highest = values.min(axis=0), values.max(axis=0)
     low, high = meant_bounds(dimensions, lowest, highest)
     bounded = np.isfinite([low, high]).all(axis=0)
     spread: Float64[np.ndarray, " dimension"] = np.subtract(high, low, where=bounded, out=highest - lowest)
@@ -581,15 +627,3 @@ def _check_angles(spaces: SpaceSpec, angles: tuple[Angle, ...]) -> None:
                 )
                 raise TransitionsError(message)
             dimensions.add(name)
-
-
-def _action_columns(
-    train: Transitions,
-) -> tuple[Float[np.ndarray, "sample action"], Float[np.ndarray, " action"]]:
-    """Return actions as inputs (one-hot if discrete) and the range of each."""
-    kind = train.spec.action
-    if isinstance(kind, DiscreteAction):
-        return np.eye(kind.count)[train.action], np.ones(kind.count)
-    action = train.action.astype(np.float64)
-    spread = np.ptp(action, axis=0)
-    return action, np.where(spread > 0, spread, 1.0)

@@ -1,5 +1,7 @@
 """Windows: the consecutive frames of one episode that a network with a history is given."""
 
+from collections.abc import Iterable
+
 import numpy as np
 import torch
 from jaxtyping import Int64, Shaped
@@ -10,39 +12,80 @@ from addressed_dynamics.episodes.transitions import Transitions
 from addressed_dynamics.features.common.samples import Dropped
 
 
+class EpisodeLengths:
+    """Lengths of episodes whose transitions come in parts, each of which may end inside an episode."""
+
+    def __init__(self) -> None:
+        self._known: list[Int64[np.ndarray, " episode"]] = []
+        self._last: int | None = None
+        self._begun = 0
+
+    def places(self, part: Transitions) -> Int64[np.ndarray, " row"]:
+        """Return how many rows of its episode lie before each row of the next part."""
+        if not len(part):
+            return np.empty(0, np.int64)
+        bounds = _bounds(part)
+        lengths = np.diff(bounds)
+        places: Int64[np.ndarray, " row"] = np.arange(len(part)) - np.repeat(bounds[:-1], lengths)
+        if part.episode[0] == self._last:
+            places[: lengths[0]] += self._begun
+            lengths[0] += self._begun
+        elif self._begun:
+            self._known.append(np.array([self._begun]))
+        self._known.append(lengths[:-1])
+        self._last, self._begun = int(part.episode[-1]), int(lengths[-1])
+        return places
+
+    def all(self) -> Int64[np.ndarray, " episode"]:
+        """Return the lengths of the episodes of all parts so far."""
+        return np.concatenate([*self._known, np.array([self._begun] if self._begun else [], np.int64)])
+
+
+def parts_of(transitions: Transitions | Iterable[Transitions]) -> Iterable[Transitions]:
+    """Return transitions that are whole, or come in parts, as parts."""
+    return [transitions] if isinstance(transitions, Transitions) else transitions
+
+
+def episode_lengths(parts: Iterable[Transitions]) -> Int64[np.ndarray, " episode"]:
+    """Return the lengths of the episodes of some transitions, which come in parts."""
+    lengths = EpisodeLengths()
+    for part in parts:
+        lengths.places(part)
+    return lengths.all()
+
+
 def window_rows(transitions: Transitions, history: int) -> Int64[np.ndarray, " sample"]:
     """Return the rows whose episode holds at least `history` - 1 rows before them: the last rows of all windows."""
-    place = np.arange(len(transitions))
-    for rows in transitions.episode_slices():
-        place[rows] -= rows.start
-    return np.flatnonzero(place >= history - 1).astype(np.int64)
+    return np.flatnonzero(EpisodeLengths().places(transitions) >= history - 1).astype(np.int64)
 
 
 def last_rows(transitions: Transitions) -> Int64[np.ndarray, " row"]:
     """Return for each row the last row of its episode."""
-    last = np.empty(len(transitions), dtype=np.int64)
-    for rows in transitions.episode_slices():
-        last[rows] = rows.stop - 1
-    return last
+    bounds = _bounds(transitions)
+    return np.repeat(bounds[1:] - 1, np.diff(bounds))
 
 
-def shorter_episodes(transitions: Transitions, length: int) -> Dropped:
+def _bounds(transitions: Transitions) -> Int64[np.ndarray, " bound"]:
+    """Return where episodes begin, and the end."""
+    inner = np.flatnonzero(transitions.episode[1:] != transitions.episode[:-1]) + 1
+    return np.concatenate([[0], inner, [len(transitions)]] if len(transitions) else [[0]]).astype(np.int64)
+
+
+def shorter_episodes(lengths: Int64[np.ndarray, " episode"], length: int) -> Dropped:
     """Count the episodes that have fewer rows than `length`, and these rows."""
-    lengths = [rows.stop - rows.start for rows in transitions.episode_slices()]
-    short = [each for each in lengths if each < length]
-    return Dropped(len(short), sum(short))
+    short = lengths[lengths < length]
+    return Dropped(len(short), int(short.sum()))
 
 
-def check_lengths(transitions: Transitions, history: int) -> None:
+def check_lengths(lengths: Int64[np.ndarray, " episode"], history: int) -> None:
     """Check that at least one of the episodes, if there are any, is long enough for a window.
 
     Raises:
         TransitionsError: none is; the message names how many they are and the longest.
     """
-    lengths = [rows.stop - rows.start for rows in transitions.episode_slices()]
-    if lengths and max(lengths) < history:
+    if len(lengths) and lengths.max() < history:
         short = f"all {len(lengths)} episodes are" if len(lengths) > 1 else "the only episode is"
-        longest = f"the longest has {max(lengths)}" if len(lengths) > 1 else f"it has {max(lengths)}"
+        longest = f"the longest has {lengths.max()}" if len(lengths) > 1 else f"it has {lengths.max()}"
         message = (
             f"{short} too short to predict from: features.history asks for {history} steps, but {longest}; "
             "lower features.history or record longer episodes"

@@ -1,0 +1,333 @@
+"""Training and Algorithm 1 on data that are larger than memory: time and resident memory from 1 to 100 million.
+
+`make bench` leaves it out: `python benchmarks/larger_than_memory.py` takes half an hour alone, and 10 GB of disk. Every
+step runs in a process of its own, which inherits no memory; the million in memory is trained anew between the larger
+ones, so that ratios are of the same hour.
+"""
+
+import argparse
+import hashlib
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+from measuring import print_table
+
+PARAMS_FILE = Path(__file__).parents[1] / "params.yaml"
+MILLION = 1_000_000
+SHARD, EPISODE, VALIDATION = MILLION, 250, 100_000
+ROW_GROUP = 131_072
+MIB = 2**20
+EVERYTHING, NOTHING = 2**62, 0
+"""Bytes of samples that memory is said to hold."""
+WIDE = 6
+"""Dimensions of a state, with three actions: 54 inputs of six frames."""
+MOST_TRAINED = 10 * MILLION
+"""Samples that are trained on at most, of all at random: an epoch that is cut short."""
+
+
+class Peaks:
+    """The most resident memory of this process so far: all of it, and what is no page of a file."""
+
+    def __init__(self) -> None:
+        self.most = {"VmRSS": 0.0, "RssAnon": 0.0, "RssFile": 0.0}
+
+    def look(self) -> None:
+        """Read what the system says now."""
+        lines = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text("ascii").splitlines())
+        for name, most in self.most.items():
+            self.most[name] = max(most, int(lines[name].split()[0]) / 1024)
+
+
+@contextmanager
+def watched() -> Iterator[Peaks]:
+    """Yield the peaks, which a thread looks after ten times a second."""
+    peaks, done = Peaks(), threading.Event()
+
+    def watch() -> None:
+        while not done.wait(0.1):
+            peaks.look()
+
+    thread = threading.Thread(target=watch, daemon=True)
+    thread.start()
+    try:
+        yield peaks
+    finally:
+        done.set()
+        thread.join()
+        peaks.look()
+
+
+def make_tables(folder: Path, rows: int, width: int) -> None:
+    """Write so many transitions under random pushes: of cars, or of random walks of so many dimensions."""
+    import numpy as np
+
+    from addressed_dynamics.base.params.recording import EnvironmentParams
+    from addressed_dynamics.envs.mountain_car import mountain_car_step
+    from addressed_dynamics.episodes.parquet import FOLDER, TransitionTable, table_writer
+    from addressed_dynamics.episodes.transitions import Dimension, DiscreteAction, SpaceSpec, Transitions
+    from addressed_dynamics.recording.plan import make_environment
+    from addressed_dynamics.recording.spaces import space_spec
+
+    if width == 2:
+        spec = space_spec(make_environment(EnvironmentParams(id="MountainCar-v0", kwargs={})))
+    else:
+        names = tuple(Dimension(f"x{each}", "", -np.inf, np.inf) for each in range(width))
+        spec = SpaceSpec(names, DiscreteAction(("left", "none", "right")), 1.0)
+    generator, episode = np.random.default_rng(0), 0
+    cars = SHARD // EPISODE
+    lowest, highest = ((-1.2, -0.07), (0.6, 0.07)) if width == 2 else (-1.0, 1.0)
+    walks = np.empty((EPISODE + 1, cars, width))
+    walks[0] = generator.uniform(lowest, highest, (cars, width))
+    pushes = generator.integers(0, 3, (EPISODE, cars))
+    for step in range(EPISODE):
+        if width == 2:
+            walks[step + 1] = mountain_car_step(walks[step], pushes[step])
+        else:
+            walks[step + 1] = 0.9 * walks[step] + 0.1 * (pushes[step] - 1)[:, None] * np.arange(1, width + 1)
+    for split, wanted in {"validation": VALIDATION, "train": rows}.items():
+        for shard in range(-(-wanted // SHARD)):
+            count = min(SHARD, wanted - shard * SHARD) // EPISODE
+            actions = pushes[:, :count]
+            # The same walks again and again, each time under other noise.
+            states = walks[:, :count] + 1e-3 * generator.standard_normal((EPISODE + 1, count, width), dtype=np.float32)
+            shown = states.astype(np.float32)
+            last = np.tile(np.arange(EPISODE) == EPISODE - 1, count)
+            transitions = Transitions(
+                spec=spec,
+                episode=np.repeat(np.arange(episode, episode + count), EPISODE),
+                step=np.tile(np.arange(EPISODE, dtype=np.int32), count),
+                time_ns=np.tile(np.arange(EPISODE), count) * 10**9,
+                observation=shown[:-1].swapaxes(0, 1).reshape(-1, width),
+                action=actions.T.reshape(-1),
+                reward=np.full(count * EPISODE, -1.0, dtype=np.float32),
+                next_observation=shown[1:].swapaxes(0, 1).reshape(-1, width),
+                terminated=np.zeros(count * EPISODE, dtype=np.bool_),
+                truncated=last,
+            )
+            episode += count
+            code = ("train", "validation", "test").index(split)
+            table = TransitionTable(transitions, np.full(len(transitions), code, np.int8), "made")
+            with table_writer(
+                folder / FOLDER / split / f"made-{shard:03d}.parquet", spec, row_group_rows=ROW_GROUP
+            ) as write:
+                write(table)
+
+
+def train(tables: Path, memory: int, history: int, most: int, addressed: bool) -> dict[str, Any]:
+    """Train an ensemble of MountainCar's params, for an epoch of so many samples at most; say what it took."""
+    from addressed_dynamics.base.params.experiments import load_experiment
+    from addressed_dynamics.base.torch_runtime import prepare_torch
+    from addressed_dynamics.features.common.spool import Spool, beside
+    from addressed_dynamics.features.transitions.kind import load_training_data
+    from addressed_dynamics.training.addressing import train_addressing
+    from addressed_dynamics.training.ensemble import evaluate_profiles, train_ensemble
+    from addressed_dynamics.training.losses import reported_loss
+
+    prepare_torch(threads=1)
+    sections = load_experiment(PARAMS_FILE, "mountaincar", "transitions")
+    params = sections.ensemble.model_copy(update={"epochs": 1, "cluster_epochs": 1})
+    with watched() as peaks:
+        peaks.look()
+        before, begin = peaks.most["VmRSS"], time.perf_counter()
+        features = sections.features.model_copy(update={"history": history})
+        data = load_training_data(tables, sections, features, spool=Spool(tables / "spools", memory))
+        clocks = [(time.perf_counter(), time.process_time())]
+        loaded = clocks[0][0]
+
+        def note(x: Any, y: Any, _: Any) -> tuple[Any, Any]:
+            if len(clocks) == 1:
+                clocks.append((time.perf_counter(), time.process_time()))
+            return x, y
+
+        updates = min(most, len(data.train)) // (params.members * params.batch_size)
+        *_, last = train_ensemble(
+            data.train, data.validation, params, seed=0, loss_unit=1.0, augment=note, updates=updates
+        )
+        clocks.append((time.perf_counter(), time.process_time()))
+        (binning, binning_cpu), (wall, cpu) = (
+            (later[0] - earlier[0], later[1] - earlier[1]) for earlier, later in pairwise(clocks)
+        )
+        digest = hashlib.blake2b(digest_size=8)
+        for parameter in last.network.parameters():
+            digest.update(parameter.detach().numpy().tobytes())
+        found: dict[str, Any] = {"load": loaded - begin, "binning": binning, "binning_cpu": binning_cpu}
+        found |= {"wall": wall, "cpu": cpu, "samples": last.samples, "transitions": len(data.train)}
+        if addressed:
+            loss = reported_loss(params.loss)
+            profiles = [
+                evaluate_profiles(last.network, part, loss, make=beside(part, "profiles"))
+                for part in (data.train, data.validation)
+            ]
+            settings = sections.addressing.model_copy(update={"epochs": 1})
+            wall, cpu = time.perf_counter(), time.process_time()
+            *_, end = train_addressing(
+                data.train, profiles[0], data.validation, profiles[1], settings, seed=0, variant="cost_sensitive"
+            )
+            found |= {"addressing_wall": time.perf_counter() - wall, "addressing_cpu": time.process_time() - cpu}
+            found["addressing_samples"] = end.samples
+            for parameter in end.network.parameters():
+                digest.update(parameter.detach().numpy().tobytes())
+        data.discard()
+    return found | {"before": before, "digest": digest.hexdigest(), **peaks.most}
+
+
+def bin_in_turns(folder: Path, samples: int, members: int, *, mapped: bool) -> dict[str, Any]:
+    """Run Algorithm 1 on random profiles, in memory or in a file, beside one sort; say what it took."""
+    import torch
+
+    from addressed_dynamics.features.common.spool import _scratch
+    from addressed_dynamics.training.clustering import small_bins
+
+    torch.set_num_threads(1)
+    seconds = dict[str, float]()
+    if not mapped:
+        numbers = torch.rand(samples, generator=torch.Generator().manual_seed(1))
+        begin = time.process_time()
+        torch.sort(numbers)
+        seconds["sort"] = time.process_time() - begin
+        del numbers
+
+    def make(shape: Any, dtype: torch.dtype, **_: Any) -> torch.Tensor:
+        return _scratch(folder, None, shape, dtype) if mapped else torch.empty(shape, dtype=dtype)
+
+    losses, generator = make((samples, members), torch.float32), torch.Generator().manual_seed(0)
+    for first in range(0, samples, MILLION):
+        torch.rand(losses[first : first + MILLION].shape, generator=generator, out=losses[first : first + MILLION])
+    with watched() as peaks:
+        begin, wall = time.process_time(), time.perf_counter()
+        bins = small_bins(losses, make=make)
+        seconds["assign"], seconds["assign_wall"] = time.process_time() - begin, time.perf_counter() - wall
+    counts = torch.zeros(members, dtype=torch.int64)
+    for part in bins.split(MILLION):
+        counts += torch.bincount(part, minlength=members)
+    digest = hashlib.blake2b(bins.numpy().data, digest_size=8).hexdigest()
+    return {**seconds, "digest": digest, "bins": counts.tolist(), **peaks.most}
+
+
+def step(folder: Path, name: str, **values: Any) -> dict[str, Any]:
+    """Run one of the functions above in a process of its own, and return what it found."""
+    command = [sys.executable, __file__, "--step", name, "--folder", str(folder), "--values", json.dumps(values)]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run(command, env=environment, stdout=subprocess.PIPE, text=True, check=True)
+    found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    print(name, values, {key: round(v, 2) if isinstance(v, float) else v for key, v in found.items()}, file=sys.stderr)
+    return found
+
+
+def run_step(name: str, folder: Path, values: dict[str, Any]) -> dict[str, Any]:
+    """Do what `step` asks for."""
+    if name == "make":
+        begin = time.perf_counter()
+        make_tables(folder, values["rows"], values["width"])
+        return {"wall": time.perf_counter() - begin}
+    if name == "train":
+        return train(folder, **values)
+    return bin_in_turns(folder, **values)
+
+
+def trainings(folder: Path, sizes: list[int], *, width: int, history: int) -> dict[str, Any]:
+    """Train on a million in memory and in files, and on more in files; return what was found, by size."""
+    settings = {"history": history, "most": MOST_TRAINED}
+    of_million = settings | {"addressed": history == 1}
+    tables = folder / f"tables-{width}-million"
+    step(tables, "make", rows=MILLION, width=width)
+    in_memory = [step(tables, "train", memory=EVERYTHING, **of_million)]
+    found = {"1000000": step(tables, "train", memory=NOTHING, **of_million)}
+    for size in sizes:
+        if size > MILLION:
+            larger = folder / f"tables-{width}-{size}"
+            step(larger, "make", rows=size, width=width)
+            found[str(size)] = step(larger, "train", memory=NOTHING, **settings, addressed=False)
+            subprocess.run(["rm", "-rf", str(larger)], check=True)
+        in_memory.append(step(tables, "train", memory=EVERYTHING, **of_million))
+    return {"in_memory": in_memory, "streamed": found}
+
+
+def main() -> None:
+    """Print what was found; with `--figures`, write it, too."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--folder", type=Path, help="where 10 GB of files may lie for a while")
+    parser.add_argument("--largest", type=int, default=100 * MILLION, help="transitions")
+    parser.add_argument("--wide", type=int, default=20 * MILLION, help="transitions with six frames; 0 for none")
+    parser.add_argument("--profiles", type=int, default=100 * MILLION, help="loss profiles for Algorithm 1")
+    parser.add_argument("--figures", type=Path, help="file to write")
+    parser.add_argument("--step", help=argparse.SUPPRESS)
+    parser.add_argument("--values", default="{}", help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.step:
+        options.folder.mkdir(parents=True, exist_ok=True)
+        print(json.dumps(run_step(options.step, options.folder, json.loads(options.values))))
+        return
+    with tempfile.TemporaryDirectory(dir=options.folder) as temporary:
+        folder = Path(temporary)
+        found: dict[str, Any] = {
+            "bins": {
+                name: step(folder, "bins", samples=options.profiles, members=4, mapped=name == "in_a_file")
+                for name in ("in_memory", "in_a_file")
+            },
+            "trainings": trainings(folder, _up_to(options.largest), width=2, history=1),
+        }
+        if options.wide:
+            found["six_frames"] = trainings(folder, [options.wide], width=WIDE, history=6)
+    report(found)
+    if options.figures:
+        options.figures.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+
+
+def _up_to(largest: int) -> list[int]:
+    return [size for size in (MILLION, 10 * MILLION, 100 * MILLION) if size < largest] + [largest]
+
+
+def per_sample(found: dict[str, Any], clock: str) -> float:
+    """Return the seconds of an epoch with Algorithm 1 that a sample takes."""
+    binning = found["binning" if clock == "wall" else "binning_cpu"]
+    return float(binning / found["transitions"] + found[clock] / found["samples"])
+
+
+def report(found: dict[str, Any]) -> None:
+    """Print the ratios."""
+    for name in ("trainings", "six_frames"):
+        if name not in found:
+            continue
+        in_memory, rows = found[name]["in_memory"], []
+        for number, (size, each) in enumerate(found[name]["streamed"].items()):
+            beside = in_memory[number : number + 2]
+            ratios = [
+                sum(per_sample(one, clock) for one in beside) / len(beside) / per_sample(each, clock)
+                for clock in ("wall", "cpu")
+            ]
+            seconds = [f"{each[part]:.0f} s" for part in ("load", "binning", "wall")]
+            memory = [f"{each[part]:,.0f}" for part in ("VmRSS", "RssAnon", "RssFile")]
+            rows.append([f"{int(size):,}", *seconds, *(f"{ratio:.2f}" for ratio in ratios), *memory])
+        headings = [
+            "reading",
+            "binning",
+            "training",
+            "of the million's samples/s",
+            "by CPU",
+            "MiB",
+            "anonymous",
+            "files",
+        ]
+        print_table([name, *headings], rows)
+        same = in_memory[0]["digest"] == found[name]["streamed"][str(MILLION)]["digest"]
+        print(f"the same million in memory and streamed: {'the same bytes' if same else 'OTHER BYTES'}")
+    bins = found["bins"]
+    sort = bins["in_memory"]["sort"]
+    for name, each in bins.items():
+        print(f"Algorithm 1 {name}: {each['assign'] / sort:.2f} of one sort, {each['VmRSS']:,.0f} MiB")
+    print(f"the same bins: {bins['in_memory']['digest'] == bins['in_a_file']['digest']}")
+
+
+if __name__ == "__main__":
+    main()
