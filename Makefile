@@ -133,7 +133,7 @@ ui: $(VENV)/installed
 	$(BIN)/addressed-dynamics ui
 
 bench: $(VENV)/installed
-	@set -e; for script in $$(grep -l "def main" benchmarks/*.py | grep -vE "real_data|whole_run"); do echo "== $$script"; $(BIN)/python "$$script"; done
+	@set -e; for script in $$(grep -l "def main" benchmarks/*.py | grep -vE "larger_than_memory|real_data|whole_run"); do echo "== $$script"; $(BIN)/python "$$script"; done
 
 clean:
 	rm -rf $(VENV) build dist site .checkpoints .mlflow .dvc/cache .dvc/tmp data

@@ -4,11 +4,14 @@ from fractions import Fraction
 
 import pytest
 import torch
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from addressed_dynamics.base.errors import TrainingError
-from addressed_dynamics.training.clustering import assign_to_bins, draw_bins
+from addressed_dynamics.features.common.samples import Samples
+from addressed_dynamics.features.common.spool import Spool, beside
+from addressed_dynamics.training import clustering
+from addressed_dynamics.training.clustering import Make, assign_to_bins, draw_bins, small_bins
 
 
 def assign_one_by_one(losses: torch.Tensor, most: int | None = None) -> list[int]:
@@ -48,6 +51,29 @@ def test_it_equals_the_naive_loop(losses: torch.Tensor) -> None:
 @given(profiles(levels=3))
 def test_it_equals_the_naive_loop_when_losses_and_norms_tie(losses: torch.Tensor) -> None:
     assert assign_to_bins(losses).tolist() == assign_one_by_one(losses)
+
+
+@pytest.fixture(scope="module")
+def make_in_files(tmp_path_factory: pytest.TempPathFactory) -> Make:
+    one = torch.ones(1, 1)
+    columns, _ = Spool(tmp_path_factory.mktemp("files"), 0).columns("one", 1, lambda sink: sink.add(x=one))
+    return beside(Samples(columns["x"], one, torch.zeros(1, dtype=torch.int64), torch.zeros(1, dtype=torch.int64)))
+
+
+@settings(max_examples=50)
+@given(st.one_of(profiles(), profiles(levels=3)), st.sampled_from([0.0, 0.1]), st.integers(1, 9))
+def test_in_blocks_and_out_of_core_bins_are_the_same(
+    make_in_files: Make, losses: torch.Tensor, slack: float, rows: int
+) -> None:
+    # Every digit of a norm is looked at by itself, and every block is a few samples.
+    small = {"ROWS_ON_CPU": rows, "FIRST_DIGIT": 3, "NEXT_DIGIT": 2}
+    expected = assign_to_bins(losses, slack)
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in small.items():
+            patch.setattr(clustering, name, value)
+        found = small_bins(make_in_files(losses.shape).copy_(losses), slack, make=make_in_files)
+    assert found.dtype == torch.uint8
+    assert torch.equal(found.long(), expected)
 
 
 @given(profiles())

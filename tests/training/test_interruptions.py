@@ -19,6 +19,7 @@ from example_params import EXAMPLE, write_params
 from learning import drive
 from test_stages import ENVIRONMENT, finished, read_terminal
 
+from addressed_dynamics.base.memory import MEMORY
 from addressed_dynamics.base.params.experiments import load_experiment
 from addressed_dynamics.sources.transitions.conversion import convert_recording
 
@@ -47,19 +48,21 @@ def closed_port() -> int:
         return int(probe.getsockname()[1])
 
 
-def start(name: str, folder: Path, stderr: int) -> subprocess.Popen[str]:
+def start(name: str, folder: Path, stderr: int, memory: str | None = None) -> subprocess.Popen[str]:
     command = [sys.executable, "-m", f"pipeline.{name}", "car", "--params", "params.yaml"]
     settings = {"MLFLOW_TRACKING_URI": f"http://127.0.0.1:{closed_port()}", "ADDRESSED_DYNAMICS_PROCESSES": "2"}
-    environment = ENVIRONMENT | settings
+    environment = ENVIRONMENT | settings | ({} if memory is None else {MEMORY: memory})
     return subprocess.Popen(command, cwd=folder, env=environment, stderr=stderr, text=True, start_new_session=True)
 
 
-def cut_off(name: str, folder: Path, number: signal.Signals, *, group: bool) -> tuple[int, str]:
+def cut_off(
+    name: str, folder: Path, number: signal.Signals, *, group: bool, memory: str | None = None
+) -> tuple[int, str]:
     """Send a signal to a stage, or to all of its processes, after an epoch; wait until the last of them has ended."""
     terminal, other_end = os.openpty()
     termios.tcsetwinsize(terminal, (24, 120))
     said, sent = "", False
-    with start(name, folder, other_end) as process:
+    with start(name, folder, other_end, memory) as process:
         os.close(other_end)
         for said in read_terminal(terminal):
             if not sent and ONE_EPOCH.search(said):
@@ -127,21 +130,24 @@ def test_without_an_mlflow_server_training_finishes_with_one_warning_per_run_and
 
 
 @pytest.mark.parametrize("name", STAGES)
-def test_a_stage_that_is_killed_and_run_again_ends_as_if_nothing_had_happened(
+def test_a_stage_that_is_killed_and_run_again_on_samples_in_files_ends_as_if_nothing_had_happened(
     trained: tuple[Path, dict[str, str]], tmp_path: Path, name: str
 ) -> None:
     made = Path("data") / "models" / "car" / STAGES[name]
     folder = Path(shutil.copytree(trained[0], tmp_path / "project"))
     shutil.rmtree(folder / made)
-    status, _ = cut_off(name, folder, signal.SIGKILL, group=False)
+    status, _ = cut_off(name, folder, signal.SIGKILL, group=False, memory="0")
     assert status == -signal.SIGKILL
+    spools = folder / ".checkpoints" / "car" / name
+    assert len(list(spools.glob("spool-*/y.bin"))) == 2
     assert not (folder / made).exists()
     kept = epochs_kept(folder)
     assert kept
     assert max(kept) < EPOCHS
-    with start(name, folder, subprocess.PIPE) as process:
+    with start(name, folder, subprocess.PIPE, memory="0") as process:
         status, said = finished(process)
     assert status == 0, said
+    assert not list(spools.iterdir())
     assert contents(folder / made) == contents(trained[0] / made)
     reports = Path("data") / "reports" / "car"
     assert contents(folder / reports) == contents(trained[0] / reports)

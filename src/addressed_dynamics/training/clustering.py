@@ -9,6 +9,8 @@ from jaxtyping import Bool, Float, Int32, Int64, Shaped
 from torch import Tensor
 
 from addressed_dynamics.base.errors import TrainingError
+from addressed_dynamics.features.common.spool import release
+from addressed_dynamics.networks.stacked import BLOCKS_HELD
 
 SINKHORN_ROUNDS = 30
 """Rounds in which drawn bins become equally large."""
@@ -94,8 +96,10 @@ class _Assignment:
             self.bins[rows] = torch.where(self.bins[rows] == self._open, self._preferred[rows], self.bins[rows])
 
     def _blocks(self) -> Iterator[slice]:
-        for first in range(0, len(self._losses), self._rows):
+        for number, first in enumerate(range(0, len(self._losses), self._rows)):
             yield slice(first, first + self._rows)
+            if not number % BLOCKS_HELD:
+                release(self._losses, self._keys)
 
     def _counted_at_first(self, shift: int) -> Int64[Tensor, "member digit"]:
         """Find every sample's norm and its best member; count them by member and first digit."""
