@@ -1,6 +1,9 @@
 """Files that appear whole or not at all: also where a folder is replaced, and whenever that is interrupted."""
 
+import os
+import platform
 import shutil
+import subprocess
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -113,3 +116,21 @@ def test_what_was_set_aside_never_comes_back_half_removed(
     with suppress(ZeroDivisionError), atomic_path(target):
         raise ZeroDivisionError
     assert not target.exists() or found(target) == OLD
+
+
+def test_what_a_killed_process_left_half_written_goes_with_the_next_call_and_nothing_else_does(tmp_path: Path) -> None:
+    target = tmp_path / "tables"
+    killed = subprocess.Popen(["sleep", "60"])
+    left, others = f".tables.{platform.node()}-{killed.pid}.partial", [
+        f".tables.{platform.node()}-{os.getppid()}.partial",  # which runs
+        f".tables.elsewhere-{killed.pid}.partial",
+        f".tables2.{platform.node()}-{killed.pid}.partial",
+    ]  # fmt: skip
+    for name in (left, *others):
+        fill(tmp_path / name, OLD)
+    replace_folder(target)
+    assert (tmp_path / left).exists()
+    killed.kill()
+    killed.wait()
+    replace_folder(target)
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(["tables", *others])

@@ -2,13 +2,15 @@
 
 import csv
 import errno
+import glob
 import json
 import os
+import platform
 import shutil
 import tempfile
 import zipfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -21,13 +23,15 @@ def atomic_path(target: Path) -> Iterator[Path]:
 
     The temporary path may become a file or a folder, whichever the block makes of it. A folder that is replaced is set
     aside first and removed last. So at any moment there is a whole one, under the name of `target` or set aside; if
-    this was interrupted in between, the next call for the same target puts back what it finds set aside.
+    this was interrupted in between, the next call for the same target puts back what it finds set aside. It also
+    removes what processes of this machine that were killed left under their temporary paths.
 
     Raises:
         IsADirectoryError: a file would take the place of a folder, whose contents it would cost.
     """
     target.parent.mkdir(parents=True, exist_ok=True)
-    temporary = target.with_name(f".{target.name}.{os.getpid()}.partial")
+    temporary = target.with_name(f"{_temporary_prefix(target)}{os.getpid()}.partial")
+    _remove_abandoned(target)
     _restore(target)
     _remove(temporary)
     try:
@@ -87,6 +91,32 @@ def save_arrays(target: Path, arrays: dict[str, np.ndarray]) -> None:
             entry.compress_type = zipfile.ZIP_DEFLATED
             with archive.open(entry, "w") as file:
                 np.lib.format.write_array(file, np.ascontiguousarray(array), allow_pickle=False)
+
+
+def _temporary_prefix(target: Path) -> str:
+    # Processes of another machine have numbers of their own.
+    return f".{target.name}.{platform.node()}-"
+
+
+def _remove_abandoned(target: Path) -> None:
+    prefix = _temporary_prefix(target)
+    for path in target.parent.glob(f"{glob.escape(prefix)}*.partial"):
+        process = path.name.removeprefix(prefix).removesuffix(".partial")
+        if process.isdecimal() and not _is_running(int(process)):
+            with suppress(FileNotFoundError):  # another process removes it, too
+                _remove(path)
+
+
+def _is_running(process: int) -> bool:
+    if os.name == "nt":
+        return True  # there, nobody can be asked in this way
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except PermissionError:
+        return True
+    return True
 
 
 def _set_aside(target: Path) -> Path:
