@@ -1,5 +1,8 @@
 """The learner: it learns, it explores copy by copy, and scales what it sees."""
 
+import tempfile
+from pathlib import Path
+
 import gymnasium
 import numpy as np
 import pytest
@@ -69,12 +72,16 @@ def test_the_same_seed_learns_the_same_policy_whatever_the_global_generators_say
     assert learned[0] == learned[1]
 
 
-def test_copies_with_unequally_many_decisions_make_equally_many_steps() -> None:
+def test_copies_with_unequally_many_decisions_make_equally_many_steps_and_leave_nothing_behind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     counted = [Counted(Corridor()) for _ in range(3)]
     made: list[int] = []
     learn(counted, behaviour(frame_skip=7, learning_starts=10), transitions=600, seed=0, progress=made.append)
     assert [copy.steps for copy in counted] == [200] * 3
     assert sum(made) == 600
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_learner_alone_is_given_scaled_rewards() -> None:

@@ -8,7 +8,6 @@ from typing import Any
 import gymnasium
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
-from stable_baselines3.common.logger import configure
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from addressed_dynamics.base.errors import TrainingError
@@ -117,7 +116,6 @@ def learn_offline(
     )
     with generators_given_back(), single_thread():
         model = dqn_of(DummyVecEnv([lambda: _Nowhere(world)]), settings, seed, exploration_share=1.0)
-        model.set_logger(configure(None, []))
         _fill(model.replay_buffer, train, found, learner.reward_scale)
         for step in range(max(decisions // copies, 1)):
             if step % learner.train_every == 0 and step * copies >= learner.learning_starts:

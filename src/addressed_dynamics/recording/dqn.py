@@ -15,6 +15,7 @@ from gymnasium.wrappers import TransformReward
 from jaxtyping import Float
 from stable_baselines3 import DQN
 from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 from torch import Tensor
@@ -166,6 +167,8 @@ def dqn_of(environments: VecEnv, behaviour: DqnBehaviour, seed: int, *, explorat
         environments.action_space, environments.num_envs, behaviour.exploration_hold_steps, np.random.default_rng(seed)
     )
     model.explore_with(held)
+    # The library's own logger would make an empty folder among the temporary files each time, and leave it there.
+    model.set_logger(Logger(None, []))
     return model
 
 
