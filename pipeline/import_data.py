@@ -5,14 +5,14 @@ from addressed_dynamics.base.params.experiments import load_source_params
 from addressed_dynamics.episodes.imports import read_import_record
 from addressed_dynamics.importing import import_logs
 from addressed_dynamics.importing.importer import ACCOUNT
-from pipeline.stage import Call, progress, raw_dir, run_stage, say
+from pipeline.stage import Call, available_cores, progress, raw_dir, run_stage, say
 
 
 def main(call: Call) -> str:
     """Import what an experiment is made of; return what came out."""
     source = load_source_params(call.params_file, call.experiment, call.kind)
     with atomic_path(raw_dir(call.experiment)) as folder, progress("import", "step") as bar:
-        import_logs(source, folder, name=call.experiment, progress=bar.update)
+        import_logs(source, folder, name=call.experiment, progress=bar.update, cores=available_cores())
     account = raw_dir(call.experiment) / ACCOUNT
     record = read_import_record(account)
     warnings = record.warnings if record else []

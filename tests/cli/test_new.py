@@ -17,8 +17,9 @@ from addressed_dynamics.base.params.experiments import load_experiment
 from addressed_dynamics.cli import main as cli
 from addressed_dynamics.cli.new import section_text
 from addressed_dynamics.episodes.transitions import LEARNED
-from addressed_dynamics.importing.importer import read_samples, wanted_signals
+from addressed_dynamics.importing.importer import wanted_signals
 from addressed_dynamics.importing.looking_at_tables import MOST_FILES
+from addressed_dynamics.importing.units import read_samples
 from addressed_dynamics.sources.transitions.conversion import convert_recording
 
 

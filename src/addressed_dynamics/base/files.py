@@ -67,6 +67,15 @@ def why_not_folder(folder: Path) -> str | None:
         return f"it cannot be written ({where}{error.strerror})"
 
 
+def remove_partial(folder: Path) -> None:
+    """Remove what `atomic_path` left in a folder, or below, in processes that were killed.
+
+    Nobody may write there any more.
+    """
+    for path in sorted(folder.rglob(".*.partial")):
+        _remove(path)
+
+
 def write_text(target: Path, text: str) -> None:
     """Write `text` to `target` atomically, in UTF-8."""
     with atomic_path(target) as temporary:

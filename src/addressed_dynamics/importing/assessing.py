@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from addressed_dynamics.base.params.source import SourceParams
-from addressed_dynamics.importing.importer import read_samples, wanted_signals
+from addressed_dynamics.importing.importer import wanted_signals
 from addressed_dynamics.importing.judging import (
     Delay,
     EpisodeJudgement,
@@ -18,8 +18,9 @@ from addressed_dynamics.importing.judging import (
     judge_episodes,
     stretches,
 )
-from addressed_dynamics.importing.precision import Precision
+from addressed_dynamics.importing.precision import Precision, lost_steps
 from addressed_dynamics.importing.samples import find_episodes, out_of_range
+from addressed_dynamics.importing.units import read_samples
 
 MOST_SAMPLES = 200_000
 """Samples that delays and noise are judged on at most: those that come first."""
@@ -71,7 +72,7 @@ def assess(source: SourceParams) -> Assessment:
         if sum(len(each.states) for each in kept) < MOST_SAMPLES:
             kept += stretches(samples, found, signals)
         outside = sum(out_of_range(recorded, signals.spec).values())
-        lost = sum(precision.look_at(recorded, origin).values())
+        lost = sum(precision.add(lost_steps(recorded, signals), origin).values())
         for name, count in (samples.counts | {"out_of_range": outside, "swallowed": lost}).items():
             counts[name] = counts.get(name, 0) + count
         warnings += [f"{origin}: {warning}" for warning in samples.details.get("warnings", [])]

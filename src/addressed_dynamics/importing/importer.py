@@ -1,54 +1,95 @@
-"""Import what somebody else recorded: one of our logs for each of their files, and an account of what was done."""
+"""Import what somebody else recorded: one of our logs for each of their files, and an account of what was done.
+
+Recordings that do not depend on each other but for what they have to agree in are read at the same time, by processes
+of this machine or by Ray: the first one alone, the others by what it has shown. One for which that was not enough,
+because a file in between has shown something else that it depends on, is read again in its turn.
+"""
 
 from __future__ import annotations
 
 import importlib.metadata
-from collections.abc import Callable, Iterator
+import shutil
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from addressed_dynamics.base.errors import LogError, ParamsError
-from addressed_dynamics.base.files import write_json
-from addressed_dynamics.base.params.source import (
-    EpisodeByGap,
-    EpisodePerFile,
-    LerobotSource,
-    McapSource,
-    MinariSource,
-    SourceParams,
-    TableSource,
-)
+from addressed_dynamics.base.cluster import engine
+from addressed_dynamics.base.errors import AddressedDynamicsError, LogError
+from addressed_dynamics.base.failures import Failure
+from addressed_dynamics.base.files import atomic_path, remove_partial, write_json
+from addressed_dynamics.base.params.source import LerobotSource, McapSource, MinariSource, SourceParams
+from addressed_dynamics.base.processes import OrderedMap, worker_processes
 from addressed_dynamics.episodes.transitions import Transitions
 from addressed_dynamics.importing.agreement import Agreement
-from addressed_dynamics.importing.lerobot import read_info, read_lerobot
-from addressed_dynamics.importing.mcap_logs import read_mcap
-from addressed_dynamics.importing.minari_data import read_minari
-from addressed_dynamics.importing.paths import parse_path
-from addressed_dynamics.importing.precision import Precision
-from addressed_dynamics.importing.recordings import Recording, recordings
-from addressed_dynamics.importing.ros_bags import bag_files, is_bag, whole_bags
+from addressed_dynamics.importing.lerobot import read_info
+from addressed_dynamics.importing.precision import LostSteps, Precision, lost_steps
 from addressed_dynamics.importing.samples import (
     EPISODES_PER_FILE,
     Episodes,
-    Recorded,
     dimension_columns,
     find_episodes,
     out_of_range,
     transition_blocks,
-    with_ends,
-    without_offsets,
 )
 from addressed_dynamics.importing.signals import Signals, signals_of
-from addressed_dynamics.importing.tables import natural_order, read_tables
+from addressed_dynamics.importing.units import Unit, read_unit, units_of
 from addressed_dynamics.logs import RunInfo, write_log
 
 ACCOUNT = "import.json"
 """Name of the file that says what was read, dropped, late and held."""
 SEGMENT = "imported"
 """The name that all imported logs have where recordings have the segment of their plan."""
+WORKER_BYTES = 2 * 2**20
+"""A worker process for every so many bytes of files: to start one takes as long as to import about half of them."""
+WORKER_TABLE_BYTES = 32 * 2**20
+"""The same of tables, whose numbers are read much faster than messages."""
 
 
-def import_logs(source: SourceParams, folder: Path, *, name: str, progress: Callable[[int], object]) -> None:
+@dataclass(frozen=True)
+class _Job:
+    """Recordings to import one after the other."""
+
+    source: SourceParams
+    unit: Unit
+    first: int
+    """The number of the first of them among all of the source."""
+    run: RunInfo
+    folder: Path
+    """Where the logs go."""
+
+
+@dataclass(frozen=True)
+class _Imported:
+    """The account of one recording."""
+
+    origin: str
+    counts: dict[str, int]
+    details: dict[str, Any]
+    lost: LostSteps
+
+
+@dataclass(frozen=True)
+class _Attempt:
+    """What came of a job that was done before its turn."""
+
+    after: Agreement
+    """What was known after it."""
+    recordings: tuple[_Imported, ...]
+    """None if it failed."""
+    failure: Failure | None = None
+
+    @property
+    def transitions(self) -> int:
+        """Number of transitions that it wrote."""
+        return sum(each.counts["transitions"] for each in self.recordings)
+
+
+def import_logs(
+    source: SourceParams, folder: Path, *, name: str, progress: Callable[[int], object], cores: int = 1
+) -> None:
     """Import `source` into `folder`; the same files make the same bytes.
 
     Args:
@@ -56,6 +97,7 @@ def import_logs(source: SourceParams, folder: Path, *, name: str, progress: Call
         folder: where the logs go, one for each file, and `import.json`.
         name: what is imported, for the people who find the logs.
         progress: called with the number of transitions written since its last call.
+        cores: the most recordings to read at once.
 
     Raises:
         ParamsError: `source` has a malformed path or slice, or says something of a topic that no field is of.
@@ -72,22 +114,20 @@ def import_logs(source: SourceParams, folder: Path, *, name: str, progress: Call
         behaviour=source.kind,
         versions={"addressed-dynamics": importlib.metadata.version("addressed-dynamics")},
     )
+    units = units_of(source, signals)
+    jobs = [_Job(source, unit, number, run, folder) for number, unit in enumerate(units)]
+    processes = _processes(source, units, cores)
+    together = len(units) > 1 and (processes > 1 or engine() is not None)
     counts: dict[str, dict[str, int]] = {}
     details: dict[str, dict[str, Any]] = {}
-    for index, (origin, recorded) in enumerate(read_samples(source, signals)):
-        episodes = find_episodes(recorded, source.min_length)
-        outside = out_of_range(recorded, signals.spec)
-        lost = precision.look_at(recorded, origin)
-        counts[origin] = recorded.counts | _counts(episodes, sum(outside.values()))
-        details[origin] = recorded.details | {"out_of_range": outside, "log": None}
-        if lost:
-            counts[origin]["swallowed"] = sum(lost.values())
-            details[origin]["swallowed"] = lost
-        if episodes.slices:
-            transitions = transition_blocks(recorded, episodes, signals, index * EPISODES_PER_FILE)
-            log = folder / f"{index:04d}-{Path(origin).stem}.mcap"
-            write_log(log, _reported(transitions, progress), run=run, topic=f"/{SEGMENT}")
-            details[origin]["log"] = log.name
+    with worker_processes(processes) if together else nullcontext() as ordered_map:
+        for each in _in_order(jobs, ordered_map, progress):
+            lost = precision.add(each.lost, each.origin)
+            counts[each.origin], details[each.origin] = each.counts, each.details
+            if lost:
+                counts[each.origin]["swallowed"] = sum(lost.values())
+                details[each.origin]["swallowed"] = lost
+    remove_partial(folder)
     names = dict.fromkeys(name for each in counts.values() for name in each)
     totals = {name: sum(each.get(name, 0) for each in counts.values()) for name in names}
     if not totals["episodes"]:
@@ -107,74 +147,72 @@ def wanted_signals(source: SourceParams) -> Signals:
     return signals_of(source, read_info(source).fps if isinstance(source, LerobotSource) else None)
 
 
-def read_samples(source: SourceParams, signals: Signals) -> Iterator[tuple[str, Recorded]]:
-    """Yield the samples of each recording, under the name of its first file.
-
-    Raises:
-        ParamsError: as in `import_logs`.
-        LogError: as in `import_logs`.
-        TableError: as in `import_logs`.
-    """
-    for origin, recorded in _read(source, signals):
-        yield origin, without_offsets(with_ends(recorded, signals), signals)
+def _processes(source: SourceParams, units: Sequence[Unit], cores: int) -> int:
+    size = sum(file.stat().st_size for unit in units for file in unit if file.exists())
+    worthwhile = size // (WORKER_BYTES if isinstance(source, McapSource) else WORKER_TABLE_BYTES)
+    return max(1, min(cores, len(units), worthwhile))
 
 
-def _read(source: SourceParams, signals: Signals) -> Iterator[tuple[str, Recorded]]:
+def _in_order(
+    jobs: Sequence[_Job], ordered_map: OrderedMap | None, progress: Callable[[int], object]
+) -> Iterator[_Imported]:
+    """Do the jobs, with a map several at once, and yield what comes of doing one after the other."""
     agreement = Agreement()
-    match source:
-        case McapSource():
-            paths = [parse_path(signal.field) for signal in signals.all]
-            _check_topics(source, {path.topic for path in paths})
-            for files in _recordings(source):
-                yield files[0].as_posix(), read_mcap(files, source, signals, paths, agreement)
-        case TableSource():
-            for origin, samples in read_tables(_files(source.files), source, signals, agreement):
-                yield origin, Recorded.of(samples)
-        case LerobotSource():
-            for origin, samples in read_lerobot(read_info(source), signals, agreement):
-                yield origin, Recorded.of(samples)
-        case MinariSource():
-            yield source.dataset, Recorded.of(read_minari(source.dataset, signals, agreement))
+    alone = 1 if ordered_map else len(jobs)
+    for job in jobs[:alone]:
+        yield from _import(job, agreement, progress)
+    if not ordered_map:
+        return
+    given = agreement.copy()
+    for job, attempt in zip(jobs[alone:], ordered_map(partial(_attempt, given), jobs[alone:]), strict=True):
+        if not agreement.learn(attempt.after, given):
+            shutil.rmtree(_place(job), ignore_errors=True)
+            yield from _import(job, agreement, progress)
+            continue
+        if attempt.failure:
+            raise attempt.failure.exception()
+        for path in sorted(_place(job).iterdir()):
+            path.replace(job.folder / path.name)
+        _place(job).rmdir()
+        progress(attempt.transitions)
+        yield from attempt.recordings
 
 
-def _reported(blocks: Iterator[Transitions], progress: Callable[[int], object]) -> Iterator[Transitions]:
+def _attempt(given: Agreement, job: _Job) -> _Attempt:
+    """Do a job by what the first one has shown, into a folder of its own, which appears when it is done."""
+    agreement = given.copy()
+    try:
+        with atomic_path(_place(job)) as folder:
+            folder.mkdir()
+            recordings = tuple(_import(replace(job, folder=folder), agreement, lambda _: None))
+    except AddressedDynamicsError as error:
+        return _Attempt(agreement, (), Failure.of(error))
+    return _Attempt(agreement, recordings)
+
+
+def _place(job: _Job) -> Path:
+    return job.folder / f"{job.first:04d}"
+
+
+def _import(job: _Job, agreement: Agreement, progress: Callable[[int], object]) -> Iterator[_Imported]:
+    signals = wanted_signals(job.source)
+    for number, (origin, recorded) in enumerate(read_unit(job.source, job.unit, signals, agreement), job.first):
+        episodes = find_episodes(recorded, job.source.min_length)
+        outside = out_of_range(recorded, signals.spec)
+        lost = lost_steps(recorded, signals)
+        log = job.folder / f"{number:04d}-{Path(origin).stem}.mcap"
+        if episodes.slices:
+            transitions = transition_blocks(recorded, episodes, signals, number * EPISODES_PER_FILE)
+            write_log(log, _reported(transitions, progress), run=job.run, topic=f"/{SEGMENT}")
+        counts = recorded.counts | _counts(episodes, sum(outside.values()))
+        details = recorded.details | {"out_of_range": outside, "log": log.name if episodes.slices else None}
+        yield _Imported(origin, counts, details, lost)
+
+
+def _reported(blocks: Iterable[Transitions], progress: Callable[[int], object]) -> Iterator[Transitions]:
     for block in blocks:
         yield block
         progress(len(block))
-
-
-def _check_topics(source: McapSource, used: set[str]) -> None:
-    unknown = sorted(source.topics.keys() - used)
-    if unknown:
-        message = (
-            f"source.topics: '{unknown[0]}' is the topic of no field, so what is said of it would not count; the "
-            f"topics of the fields are: {', '.join(sorted(used))}"
-        )
-        raise ParamsError(message)
-
-
-def _recordings(source: McapSource) -> list[Recording]:
-    found = whole_bags(_files(source.files, or_if=is_bag))
-    whole = [bag_files(path) if is_bag(path) else (path,) for path in found]
-    match source.episode:
-        case EpisodePerFile():
-            return whole
-        case EpisodeByGap(seconds=seconds):
-            return recordings(whole, round(seconds * 1e9))
-        case _:
-            return recordings(whole, round(source.tolerance_s * 1e9))
-
-
-def _files(patterns: tuple[str, ...], or_if: Callable[[Path], bool] = Path.is_file) -> list[Path]:
-    found: set[Path] = set()
-    for pattern in patterns:
-        root = Path(Path(pattern).anchor)
-        matches = {file for file in root.glob(str(Path(pattern).relative_to(root))) if file.is_file() or or_if(file)}
-        if not matches:
-            message = f"no file matches '{pattern}' in {Path.cwd()}; correct the 'files' of the source"
-            raise LogError(message)
-        found |= matches
-    return sorted(found, key=natural_order)
 
 
 def _counts(episodes: Episodes, outside: int) -> dict[str, int]:

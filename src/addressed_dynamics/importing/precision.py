@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import reduce
 
 import numpy as np
@@ -11,6 +12,31 @@ from addressed_dynamics.base.errors import TableError
 from addressed_dynamics.episodes.precision import Swallowed, swallowed
 from addressed_dynamics.importing.samples import Recorded, dimension_columns
 from addressed_dynamics.importing.signals import Signals
+
+
+@dataclass(frozen=True)
+class LostSteps:
+    """What float32 swallows of one recording."""
+
+    steps: Swallowed
+    """Of each dimension in the order of `dimension_columns`."""
+    middles: dict[str, float]
+    """The median of each dimension that loses steps."""
+
+
+def lost_steps(recorded: Recorded, signals: Signals) -> LostSteps:
+    """Count the steps of a recording that float32 swallows."""
+    dimensions = dimension_columns(signals.spec)
+    columns = [each.column for each in dimensions]
+    found = reduce(
+        Swallowed.merge, (swallowed(each.values[:, columns], each.follows) for each in recorded.overlapping())
+    )
+    middles = {}
+    for each, count in zip(dimensions, found.lost, strict=True):
+        if count:
+            column = np.concatenate([block.values[:, each.column] for block in recorded.blocks()])
+            middles[each.name] = float(np.median(column))
+    return LostSteps(found, middles)
 
 
 class Precision:
@@ -27,18 +53,12 @@ class Precision:
         self._total = Swallowed(nothing, nothing)
         self._first: dict[str, tuple[str, float]] = {}
 
-    def look_at(self, recorded: Recorded, origin: str) -> dict[str, int]:
-        """Count the steps of a file that are lost, by dimension; zeros left out."""
-        columns = [each.column for each in self._dimensions]
-        found = reduce(
-            Swallowed.merge, (swallowed(each.values[:, columns], each.follows) for each in recorded.overlapping())
-        )
-        self._total = self._total.merge(found)
-        for each, count in zip(self._dimensions, found.lost, strict=True):
-            if count and each.name not in self._first:
-                column = np.concatenate([block.values[:, each.column] for block in recorded.blocks()])
-                self._first[each.name] = (origin, float(np.median(column)))
-        return {each.name: int(count) for each, count in zip(self._dimensions, found.lost, strict=True) if count}
+    def add(self, lost: LostSteps, origin: str) -> dict[str, int]:
+        """Add what was found in a file; return the steps that are lost, by dimension; zeros left out."""
+        self._total = self._total.merge(lost.steps)
+        for name, middle in lost.middles.items():
+            self._first.setdefault(name, (origin, middle))
+        return {each.name: int(count) for each, count in zip(self._dimensions, lost.steps.lost, strict=True) if count}
 
     def refuse_swallowed(self) -> None:
         """Do nothing if float32 keeps at least half of the steps of each dimension.

@@ -39,8 +39,7 @@ def read_tables(
         LogError: a file does not agree with the files before it.
     """
     clocks = _clocks(source)
-    ordered = _in_order(files, source, clocks)
-    read = (_read(path, source, signals, clocks, agreement) for path in ordered)
+    read = (_read(path, source, signals, clocks, agreement) for path in in_order(files, source))
     joined = read if isinstance(source.episode, EpisodePerFile) else join_seams(read, signals, clocks)
     for file in joined:
         yield file.origin, finished(file, signals, clocks)
@@ -127,10 +126,14 @@ def _clocks(source: TableSource) -> tuple[Clock, ...]:
             return ()
 
 
-def _in_order(files: Sequence[Path], source: TableSource, clocks: tuple[Clock, ...]) -> list[Path]:
-    """Return files in the order of their first times; those that begin at the same time, and all others, by name."""
+def in_order(files: Sequence[Path], source: TableSource) -> list[Path]:
+    """Return files in the order of their first times; those that begin at the same time, and all others, by name.
+
+    Raises:
+        TableError: there is no such column in a file, or it is neither a number nor a time.
+    """
     ordered = sorted(files, key=natural_order)
-    times = [clock for clock in clocks if clock.unit_seconds is not None]
+    times = [clock for clock in _clocks(source) if clock.unit_seconds is not None]
     if not times or len(files) < 2:
         return ordered
     return sorted(ordered, key=lambda path: _first_time(path, source, times[0]))

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from addressed_dynamics.base.errors import LogError
-from addressed_dynamics.base.files import atomic_path, write_json
+from addressed_dynamics.base.files import atomic_path, remove_partial, write_json
 from addressed_dynamics.base.processes import OrderedMap, worker_processes
 from addressed_dynamics.episodes.bounds import display_range
 from addressed_dynamics.episodes.coverage import Occupancy
@@ -170,6 +170,7 @@ def convert_recording(
             progress(found.rows)
         duplicates = buckets.find()
         shutil.rmtree(folder / FINGERPRINTS)
+        remove_partial(folder)
         episodes = _table_episodes(planned, figures)
         sizes = split_sizes(episodes)
         write_episodes(folder / "episodes.parquet", episodes)
