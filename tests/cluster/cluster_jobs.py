@@ -10,10 +10,16 @@ from pathlib import Path
 from learning import ENSEMBLE, car_samples
 
 from addressed_dynamics.base.errors import TrainingError
+from addressed_dynamics.importing import importer
+from addressed_dynamics.importing.agreement import Agreement
+from addressed_dynamics.sources.transitions import conversion
 from addressed_dynamics.training.checkpoints import Checkpoint
 from addressed_dynamics.training.ensemble import train_ensemble
 from addressed_dynamics.training.epochs import Epoch
 from addressed_dynamics.training.shares import Shares
+
+FIRST_TRIED = ".tried.partial"
+"""A file that says that a worker was killed; it goes with what killed workers leave."""
 
 
 def squared(number: int) -> tuple[int, int]:
@@ -32,6 +38,30 @@ def lost_once(place: Path) -> str:
 def always_lost(_: int) -> None:
     """Be killed every time."""
     os.kill(os.getpid(), signal.SIGKILL)
+
+
+def converted_once_lost(job: conversion._Job) -> conversion._Figures:
+    """Convert a log; be killed the first time, with half of a table written."""
+    lost = job.target.parent / FIRST_TRIED
+    if not lost.exists():
+        lost.touch()
+        half = job.target / "train" / f".{job.log.stem}.parquet.1.partial"
+        half.parent.mkdir(parents=True, exist_ok=True)
+        half.write_bytes(b"PAR1")
+        os.kill(os.getpid(), signal.SIGKILL)
+    return conversion._convert(job)
+
+
+def imported_once_lost(given: Agreement, job: importer._Job) -> importer._Attempt:
+    """Import a recording; be killed the first time, with half of a log written."""
+    lost = job.folder / FIRST_TRIED
+    if not lost.exists():
+        lost.touch()
+        half = job.folder / f".{job.first:04d}.1.partial"
+        half.mkdir()
+        (half / "log.mcap.partial").touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return importer._attempt(given, job)
 
 
 def failing(_: int) -> None:

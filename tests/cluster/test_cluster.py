@@ -11,12 +11,15 @@ import numpy as np
 import psutil
 import pytest
 from builders import CAR, RUN, write_log
-from cluster_jobs import always_lost, failing, lost_once, squared, trained
+from cluster_jobs import always_lost, converted_once_lost, failing, imported_once_lost, lost_once, squared, trained
+from foreign_logs import SECOND, json_log, save, source, states_and_commands
 from strategies import random_transitions
 
 from addressed_dynamics.base import cluster as launching
 from addressed_dynamics.base.errors import ClusterError, TrainingError
 from addressed_dynamics.base.processes import worker_processes
+from addressed_dynamics.importing import import_logs, importer
+from addressed_dynamics.sources.transitions import conversion
 from addressed_dynamics.sources.transitions.conversion import convert_recording
 from addressed_dynamics.sources.transitions.params import ConvertParams
 from addressed_dynamics.training.epochs import Epoch
@@ -50,14 +53,32 @@ def ended(jobs: dict[str, Any], workers: int = 1) -> tuple[list[tuple[str, int, 
 
 @pytest.mark.usefixtures("cluster")
 def test_forty_logs_are_converted_to_the_same_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A worker is killed on the way, and nothing is left of what it had begun."""
     recording = tmp_path / "raw"
     recording.mkdir()
     for number in range(LOGS):
         transitions = random_transitions(CAR, [7, 12, 5], np.random.default_rng(number))
         write_log(recording / f"log-{number:02d}.mcap", transitions, run=replace(RUN, seed=number))
-    on_cluster = convert(recording, tmp_path / "cluster")
+    with monkeypatch.context() as patch:
+        patch.setattr(conversion, "_convert", converted_once_lost)
+        on_cluster = convert(recording, tmp_path / "cluster")
     monkeypatch.setenv(launching.ENGINE, "local")
     assert on_cluster == convert(recording, tmp_path / "local")
+
+
+@pytest.mark.usefixtures("cluster")
+def test_logs_of_others_are_imported_to_the_same_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A worker is killed on the way, and nothing is left of what it had begun."""
+    save(tmp_path, **{f"log_{n}": json_log(states_and_commands(1.0, (100 + n) * SECOND)) for n in range(5)})
+    section = source(files=[str(tmp_path / "logs" / "*.mcap")])
+    with monkeypatch.context() as patch:
+        patch.setattr(importer, "_attempt", imported_once_lost)
+        import_logs(section, tmp_path / "cluster", name="arm", progress=lambda _: None)
+    monkeypatch.setenv(launching.ENGINE, "local")
+    import_logs(section, tmp_path / "local", name="arm", progress=lambda _: None)
+    on_cluster = bytes_of(tmp_path / "cluster")
+    assert on_cluster == bytes_of(tmp_path / "local")
+    assert sorted(on_cluster) == [*(f"{n:04d}-log_{n}.mcap" for n in range(5)), "import.json"]
 
 
 @pytest.mark.usefixtures("cluster")
