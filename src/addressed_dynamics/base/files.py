@@ -31,7 +31,7 @@ def atomic_path(target: Path) -> Iterator[Path]:
     """
     target.parent.mkdir(parents=True, exist_ok=True)
     temporary = target.with_name(f"{_temporary_prefix(target)}{os.getpid()}.partial")
-    _remove_abandoned(target)
+    remove_abandoned(target.parent, glob.escape(target.name))
     _restore(target)
     _remove(temporary)
     try:
@@ -65,6 +65,20 @@ def why_not_folder(folder: Path) -> str | None:
     except OSError as error:
         where = "" if there == folder else f"{there}: "
         return f"it cannot be written ({where}{error.strerror})"
+
+
+def remove_abandoned(folder: Path, names: str = "*") -> None:
+    """Remove the temporary paths in `folder` of processes of this machine that have ended.
+
+    Args:
+        folder: where they wrote.
+        names: what they wrote is called, as a pattern of `glob`.
+    """
+    for path in folder.glob(f".{names}.{glob.escape(platform.node())}-*.partial"):
+        process = path.name.removesuffix(".partial").rpartition("-")[2]
+        if process.isdecimal() and not _is_running(int(process)):
+            with suppress(FileNotFoundError):  # another process removes it, too
+                _remove(path)
 
 
 def remove_partial(folder: Path) -> None:
@@ -105,15 +119,6 @@ def save_arrays(target: Path, arrays: dict[str, np.ndarray]) -> None:
 def _temporary_prefix(target: Path) -> str:
     # Processes of another machine have numbers of their own.
     return f".{target.name}.{platform.node()}-"
-
-
-def _remove_abandoned(target: Path) -> None:
-    prefix = _temporary_prefix(target)
-    for path in target.parent.glob(f"{glob.escape(prefix)}*.partial"):
-        process = path.name.removeprefix(prefix).removesuffix(".partial")
-        if process.isdecimal() and not _is_running(int(process)):
-            with suppress(FileNotFoundError):  # another process removes it, too
-                _remove(path)
 
 
 def _is_running(process: int) -> bool:

@@ -25,7 +25,7 @@ import torch
 from torch import Tensor
 
 from addressed_dynamics.base.errors import TrainingError
-from addressed_dynamics.base.files import atomic_path, write_json
+from addressed_dynamics.base.files import atomic_path, remove_abandoned, write_json
 from addressed_dynamics.base.memory import MEMORY
 from addressed_dynamics.features.common.samples import Samples, Windows
 
@@ -211,7 +211,7 @@ class Spool:
             TrainingError: they do not fit on the disk.
         """
         folder = self.folder / f"spool-{name}"
-        self._clear_what_was_begun()
+        remove_abandoned(self.folder)
         if not folder.is_dir():
             self.folder.mkdir(parents=True, exist_ok=True)
             if (free := shutil.disk_usage(self.folder).free) < size:
@@ -228,23 +228,6 @@ class Spool:
         return {
             key: map_file(folder / f"{key}.bin", about["dtype"], tuple(about["shape"])) for key, about in index.items()
         }, folder
-
-    def _clear_what_was_begun(self) -> None:
-        """Remove what a process that was killed while it wrote has left."""
-        for path in self.folder.glob(".spool-*.partial"):
-            process = path.name.split(".")[-2]
-            if process.isdecimal() and not _runs(int(process)):
-                shutil.rmtree(path, ignore_errors=True)
-
-
-def _runs(process: int) -> bool:
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        return True
-    return True
 
 
 def _no_room(folder: Path, size: int, reason: OSError | str) -> TrainingError:
