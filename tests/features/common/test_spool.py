@@ -1,5 +1,7 @@
 import io
+import os
 import pickle
+import platform
 import resource
 import subprocess
 from collections.abc import Iterator
@@ -115,7 +117,7 @@ def test_what_is_as_large_as_samples_lies_beside_them(tmp_path: Path, name: str 
 def test_what_a_killed_process_had_begun_is_removed(tmp_path: Path) -> None:
     ended = subprocess.Popen(["true"])
     ended.wait()
-    begun, alive = tmp_path / f".spool-b.{ended.pid}.partial", tmp_path / ".spool-b.1.partial"
+    begun, alive = (tmp_path / f".spool-b.{platform.node()}-{pid}.partial" for pid in (ended.pid, os.getpid()))
     begun.mkdir()
     alive.mkdir()
     mapped(tmp_path)
