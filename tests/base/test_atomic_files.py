@@ -1,15 +1,19 @@
 """Files that appear whole or not at all: also where a folder is replaced, and whenever that is interrupted."""
 
+import errno
 import os
 import platform
+import resource
 import shutil
 import subprocess
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+import safetensors.numpy
 
 from addressed_dynamics.base.files import atomic_path, write_text
 
@@ -134,3 +138,33 @@ def test_what_a_killed_process_left_half_written_goes_with_the_next_call_and_not
     killed.wait()
     replace_folder(target)
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(["tables", *others])
+
+
+@pytest.fixture
+def small_files() -> Iterator[None]:
+    """A limit to the size of files, which any program may set: what a full disk says, but for the words."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, limits[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+
+def save_tensors(path: Path) -> None:
+    safetensors.numpy.save_file({"weights": np.zeros(9999)}, path)
+
+
+def write_bytes(path: Path) -> None:
+    with path.open("wb") as file:
+        file.write(bytes(9999))
+
+
+@pytest.mark.usefixtures("small_files")
+@pytest.mark.parametrize("write", [save_tensors, write_bytes])
+def test_what_cannot_be_written_is_an_error_of_the_system_that_says_where(
+    tmp_path: Path, write: Callable[[Path], None]
+) -> None:
+    with pytest.raises(OSError, match="File too large") as caught, atomic_path(tmp_path / "model") as temporary:
+        write(temporary)
+    assert caught.value.errno == errno.EFBIG
+    assert f"{tmp_path / 'model'}" in "; ".join([str(caught.value), *getattr(caught.value, "__notes__", [])])
+    assert list(tmp_path.iterdir()) == []

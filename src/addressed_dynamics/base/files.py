@@ -6,6 +6,7 @@ import glob
 import json
 import os
 import platform
+import re
 import shutil
 import tempfile
 import zipfile
@@ -15,6 +16,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from safetensors import SafetensorError
+
+_OS_ERROR = re.compile(r"\(os error (\d+)\)")
+"""What safetensors says of an error of the system, as one of its own."""
 
 
 @contextmanager
@@ -28,6 +33,7 @@ def atomic_path(target: Path) -> Iterator[Path]:
 
     Raises:
         IsADirectoryError: a file would take the place of a folder, whose contents it would cost.
+        OSError: the system cannot write, for instance because the disk is full; it names the file, or `target`.
     """
     target.parent.mkdir(parents=True, exist_ok=True)
     temporary = target.with_name(f"{_temporary_prefix(target)}{os.getpid()}.partial")
@@ -41,6 +47,16 @@ def atomic_path(target: Path) -> Iterator[Path]:
                 raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(target))
             target.rename(_set_aside(target))
         temporary.replace(target)
+    except OSError as error:
+        # A file that is open already, and Parquet's, do not say which one they are.
+        if error.filename is None and not hasattr(error, "__notes__"):
+            error.add_note(f"while writing {target}")
+        raise
+    except SafetensorError as error:
+        number = _OS_ERROR.search(str(error))
+        if number is None:
+            raise
+        raise OSError(int(number[1]), os.strerror(int(number[1])), str(target)) from error
     finally:
         _restore(target)
         _remove(temporary)

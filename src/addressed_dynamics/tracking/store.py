@@ -16,6 +16,7 @@ from urllib.parse import urlsplit, urlunsplit
 
 from filelock import FileLock
 
+from addressed_dynamics.base.files import atomic_path
 from addressed_dynamics.base.versions import project_root
 from addressed_dynamics.tracking.views import experiment_tags
 
@@ -104,8 +105,21 @@ def connect(store: Store, experiment: str) -> tuple[Any, str]:
     with locked(store.folder):
         if store.is_there:
             move_artifacts(store.folder)
+        else:
+            _make_tables(store.folder)
         client = MlflowClient(store.uri)
         return client, _experiment(client, store.folder, experiment)
+
+
+def _make_tables(folder: Path) -> None:
+    """Make the database of a store, whole or not at all.
+
+    MLflow takes seconds for it, in tens of steps, and can neither use nor mend one that was cut off between two.
+    """
+    from mlflow import MlflowClient
+
+    with atomic_path(folder / "mlflow.db") as temporary:
+        MlflowClient(f"sqlite:///{temporary}").search_experiments(max_results=1)
 
 
 def locked(folder: Path) -> FileLock:
