@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from contextlib import AbstractContextManager, closing
 from pathlib import Path
 from typing import Any
+from unittest.mock import MagicMock
 
 import pytest
 
@@ -21,6 +22,7 @@ from addressed_dynamics.reporting.common.blocks import Facts
 from addressed_dynamics.reporting.common.runs import run_blocks
 from addressed_dynamics.tracking import runs
 from addressed_dynamics.tracking.parents import Parents
+from addressed_dynamics.tracking.store import _make_tables, prepare_mlflow
 from addressed_dynamics.tracking.ui import opening_on
 
 LOCK = """
@@ -160,9 +162,10 @@ def test_with_a_broken_store_training_goes_on_after_one_warning(
 ) -> None:
     (project / ".mlflow").mkdir()
     (project / ".mlflow" / "mlflow.db").write_bytes(b"this is no database" * 1000)
-    with tracking.run(stage="s", experiment="broken", name="n", params={}) as run:
-        run.log({"loss/train": 1.0}, step=0)
-    assert run.id is None
+    for name in ("first", "second"):
+        with tracking.run(stage="s", experiment="broken", name=name, params={}) as run:
+            run.log({"loss/train": 1.0}, step=0)
+        assert run.id is None
     assert len([record for record in caplog.records if record.name == tracking.__name__]) == 1
 
 
@@ -283,6 +286,29 @@ def test_an_output_without_files_costs_a_warning_and_no_tag(
         run.log_output(tmp_path)
     assert [record.levelno for record in caplog.records] == [logging.WARNING]
     assert "output" not in only_run(store, "no files").data.tags
+
+
+def test_a_store_whose_making_is_cut_off_is_made_anew(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import mlflow
+
+    prepare_mlflow()
+    folder, made = project / ".mlflow", list[Path]()
+    folder.mkdir()
+
+    def making(uri: str) -> Any:
+        made.append(Path(uri.removeprefix("sqlite:///")))
+        made[-1].write_text("half a store")
+        if len(made) == 1:
+            raise KeyboardInterrupt
+        return MagicMock()
+
+    monkeypatch.setattr(mlflow, "MlflowClient", making)
+    with pytest.raises(KeyboardInterrupt):
+        _make_tables(folder)
+    assert list(folder.iterdir()) == []
+    _make_tables(folder)
+    assert [path.name for path in folder.iterdir()] == ["mlflow.db"]
+    assert all(path.name.endswith(".partial") for path in made)
 
 
 def test_looking_for_runs_makes_no_store(project: Path) -> None:

@@ -1,7 +1,8 @@
 """Runs while they are open, and how they are found again.
 
 Tracking must never kill training. Whatever fails while a run is open (no server, a broken store, a full disk) becomes
-one warning, and from then on the run keeps nothing; the same figures are in `data/figures` in any case.
+one warning, and from then on the run keeps nothing; the same figures are in `data/figures` in any case. That a store is
+lost is said once, not again by each run that tries it.
 """
 
 from __future__ import annotations
@@ -54,12 +55,17 @@ if TYPE_CHECKING:
 OUTPUT_TAG = "output"
 """Tag of a finished run: the digests of what it made, with spaces between them, see `output_digests`."""
 
+METRICS = "metrics"
+"""What a run keeps all the time, and so what is lost first with its store."""
+
 _FLUSH_COUNT = 500  # a request to MLflow takes at most 1,000 metrics
 _FLUSH_SECONDS = 5.0  # so that the curves of a long training grow while one watches
 
 _log = logging.getLogger("addressed_dynamics.tracking")
 _log.setLevel(logging.WARNING)  # its own, because some of what mlflow imports silences the root logger
 _parents = Parents()
+_lost = set[str]()
+"""Stores of which was said that they are lost, and which nobody has reached since."""
 
 
 @final
@@ -116,7 +122,7 @@ class Run:
         """Send the metrics that are still in memory."""
         while self._buffer and self._works:
             batch, self._buffer = self._buffer[:_FLUSH_COUNT], self._buffer[_FLUSH_COUNT:]
-            self._attempt("metrics", partial(self._client.log_batch, metrics=batch))
+            self._attempt(METRICS, partial(self._client.log_batch, metrics=batch))
         self._flushed = time.monotonic()
 
     def log_artifact(self, path: Path, folder: str | None = None) -> None:
@@ -234,7 +240,8 @@ class Run:
                 action(self._reference.run_id)
         except Exception as error:  # MLflow, its database driver and its HTTP client each raise their own kinds
             self._works = not give_up
-            _warn(f"could not keep {what}", error)
+            if what != METRICS or _newly_lost(self._client.tracking_uri):
+                _warn(f"could not keep {what}", error)
 
     def _close(self, status: str) -> None:
         self.flush()
@@ -358,8 +365,8 @@ def run_link(reference: RunReference) -> str:
 def _open(
     experiment: str, name: str, params: Mapping[str, Any], tags: Mapping[str, str], pipeline: Pipeline | None
 ) -> Run:
+    store = find_store()
     try:
-        store = find_store()
         client, experiment_id = connect(store, experiment)
         parent = None if pipeline is None else _open_parent(store, client, experiment_id, pipeline, tags)
         run_id = None
@@ -371,8 +378,10 @@ def _open(
                 _end(client, experiment_id, run_id, parent, "FAILED")
             raise
     except Exception as error:  # see Run._attempt
-        _warn("could not open a run", error)
+        if _newly_lost(store.uri):
+            _warn("could not open a run", error)
         return Run(None, None)
+    _lost.discard(store.uri)
     return Run(client, RunReference(run_id, experiment_id, name), parent)
 
 
@@ -445,6 +454,15 @@ def _provenance(stage: str) -> dict[str, str]:
     return tags
 
 
+def _newly_lost(uri: str) -> bool:
+    """Take a store for lost; return whether that is new."""
+    new = uri not in _lost
+    _lost.add(uri)
+    return new
+
+
 def _warn(what: str, error: Exception) -> None:
-    reason = (str(error).strip() or type(error).__name__).splitlines()[0]
+    lines = (str(error).strip() or type(error).__name__).splitlines()
+    # SQLAlchemy begins with how it came to write before it says what the database said.
+    reason = next((line for line in lines if not line.startswith("(raised as a result of")), lines[0])
     _log.warning("MLflow: %s (%s); going on without tracking, the figures are still in data/figures", what, reason)

@@ -174,6 +174,8 @@ def prepare_mlflow() -> None:
     importlib.import_module("mlflow")
     # The first use of a store reports every table it creates.
     logging.getLogger("alembic").setLevel(logging.WARNING)
+    # Shows a traceback of sixty lines for what it raises as well, and what a run then says in one.
+    logging.getLogger("mlflow.store.db.utils").setLevel(logging.CRITICAL)
 
 
 @contextmanager
