@@ -70,17 +70,18 @@ def warm_interpreter() -> Path:
     return folder
 
 
-def dvc(clone: Path, *arguments: str) -> str:
-    """What a DVC command says, which has to succeed. It and its stages are run by the warm interpreter."""
+def dvc_command(clone: Path, *arguments: str) -> tuple[list[str], dict[str, str]]:
+    """A DVC command in `clone` and its environment. It and its stages are run by the warm interpreter."""
     warm, settings = warm_interpreter(), environment(clone)
+    path = f"{warm}{os.pathsep}{settings['PATH']}"
+    return [str(warm / "python"), "-m", "dvc", *arguments], settings | {"PATH": path}
+
+
+def dvc(clone: Path, *arguments: str) -> str:
+    """What a DVC command says, which has to succeed."""
+    command, settings = dvc_command(clone, *arguments)
     done = subprocess.run(
-        [warm / "python", "-m", "dvc", *arguments],
-        cwd=clone,
-        env=settings | {"PATH": f"{warm}{os.pathsep}{settings['PATH']}"},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        check=False,
+        command, cwd=clone, env=settings, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False
     )
     assert done.returncode == 0, done.stdout
     return done.stdout

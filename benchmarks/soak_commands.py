@@ -1,0 +1,146 @@
+"""Commands of a clone that can be cut off with all that they started, and what they said."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+sys.path.append(str(Path(__file__).parents[1] / "tests"))
+from pipeline_clones import dvc_command, environment
+
+PATIENCE = 240.0
+"""Seconds after which a command that does not end is taken for one that hangs."""
+SCANS, PAUSE = 3, 0.02
+"""So often in a row, and so many seconds apart, no process must be found before all are taken for ended."""
+
+_BAR = re.compile(r"[\w ]+: [^\[\n]*\[\d\d:\d\d[^\]]*\]")
+_EXPECTED = re.compile(
+    r"Running stage|> python -m|Generating lock file|Updating lock file|To track the changes|\tgit add|"
+    r"To enable auto staging|\tdvc config|Use `dvc push`|\w+: \d+ trainings?, |.* INFO mlflow|\s*$"
+)
+"""What a command that goes well says line by line, beside the last line of its stage. MLflow tells its beginnings to
+the warm interpreter alone, which has imported it before this project could ask it to be quiet."""
+
+
+def processes_in(folder: Path) -> dict[int, str]:
+    """Return the processes that work in a folder, each with its command line."""
+    found = {}
+    for entry in Path("/proc").iterdir():
+        if not entry.name.isdecimal():
+            continue
+        try:
+            where = str((entry / "cwd").readlink()).removesuffix(" (deleted)")
+            if Path(where).is_relative_to(folder):
+                found[int(entry.name)] = (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")
+        except OSError:
+            continue  # it has ended
+    return found
+
+
+def kill_all(folder: Path) -> int:
+    """Kill every process that works in a folder with SIGKILL, until there are none; return how many there were."""
+    killed, quiet = 0, 0
+    while quiet < SCANS:
+        found = processes_in(folder)
+        for process in found:
+            try:
+                os.kill(process, signal.SIGKILL)
+                killed += 1
+            except ProcessLookupError:
+                continue
+        quiet = 0 if found else quiet + 1
+        time.sleep(PAUSE if not found else 0.001)
+    return killed
+
+
+@contextmanager
+def stopped(folder: Path) -> Iterator[None]:
+    """Hold every process that works in a folder still: its files are then as if all had been killed at that instant."""
+    held = set[int]()
+    while found := processes_in(folder).keys() - held:
+        for process in found:
+            with suppress(ProcessLookupError):
+                os.kill(process, signal.SIGSTOP)
+        held |= found
+    try:
+        yield
+    finally:
+        for process in held:
+            with suppress(ProcessLookupError):
+                os.kill(process, signal.SIGCONT)
+
+
+class Command:
+    """A DVC command that runs in a clone."""
+
+    def __init__(self, clone: Path, *arguments: str, log: Path, settings: Mapping[str, str], warm: bool = True) -> None:
+        """Start it; what it and its stages say goes to the file `log`."""
+        self.clone = clone
+        if warm:
+            command, own = dvc_command(clone, *arguments)
+        else:
+            command, own = [sys.executable, "-m", "dvc", *arguments], environment(clone)
+        self._log = log
+        with log.open("wb") as file:
+            self._process = subprocess.Popen(
+                command, cwd=clone, env={**own, **settings}, stdin=subprocess.DEVNULL, stdout=file, stderr=file,
+                start_new_session=True,
+            )  # fmt: skip
+        self._begin = time.monotonic()
+
+    @property
+    def seconds(self) -> float:
+        """How long ago it began."""
+        return time.monotonic() - self._begin
+
+    @property
+    def log(self) -> str:
+        """All that was said so far."""
+        return self._log.read_text(encoding="utf-8", errors="replace")
+
+    def has_ended(self, by: float, watch: Callable[[], object] = lambda: None) -> bool:
+        """Wait until it ends, `watch` says so, or so many seconds after it began; return whether it has ended."""
+        while self._process.poll() is None:
+            if self.seconds > by or watch():
+                return False
+            time.sleep(0.005)
+        return True
+
+    def wait(self) -> int | None:
+        """Wait until it ends; return its exit status, None if it hangs and is killed."""
+        ended = self.has_ended(self.seconds + PATIENCE)
+        if not ended:
+            kill_all(self.clone)
+        self._process.wait()
+        return self._process.returncode if ended else None
+
+    def status(self) -> int | None:
+        """The same, for one that runs alone; what it leaves running ends, too."""
+        status = self.wait()
+        kill_all(self.clone)
+        return status
+
+    def kill(self) -> None:
+        """Kill it with all that it started, as if the machine lost its power."""
+        kill_all(self.clone)
+        self._process.wait()
+
+
+def remarks(log: str, experiment: str) -> Counter[str]:
+    """Return the lines that a command that goes well would not have said, their numbers taken out."""
+    lines = [_BAR.sub("", part) for line in log.splitlines() for part in line.split("\r")]
+    unexpected = [line for line in lines if not _EXPECTED.match(line) and not line.startswith(f"{experiment}: ")]
+    return Counter(without_numbers(line) for line in unexpected)
+
+
+def without_numbers(line: str) -> str:
+    """Return a line with a sign in place of what differs from run to run."""
+    line = re.sub(r"0x[0-9a-f]+|\b[0-9a-f]{12,}\b", "#", line)
+    line = re.sub(r"/[\w./-]*?/project/", "", line)
+    return re.sub(r"\d+", "#", line).strip()[:300]
