@@ -225,6 +225,17 @@ def test_an_interrupted_recording_stays_aside_until_the_next_one(tmp_path: Path)
     assert list(tmp_path.iterdir()) == [target]
 
 
+def test_two_recordings_for_one_target_do_not_mix(tmp_path: Path) -> None:
+    target = tmp_path / "car"
+    with recording_folder(target) as folder:
+        (folder / "first.mcap").write_text("first")
+        # As a stage that goes on when only DVC was killed, and the next 'dvc repro'.
+        with pytest.raises(RecordingError, match=r"\.car\.partial: another process is recording"):
+            recording_folder(target).__enter__()
+    assert [path.name for path in target.iterdir()] == ["first.mcap"]
+    assert list(tmp_path.iterdir()) == [target]
+
+
 def test_the_clock_of_a_copy_goes_on_from_log_to_log(tmp_path: Path) -> None:
     environment = {"id": "MountainCar-v0", "kwargs": {"max_episode_steps": 50}}
     params = plan_of({"kind": "constant", "action": 2}, environment=environment, environments=1, transitions=200)

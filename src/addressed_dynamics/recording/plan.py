@@ -8,8 +8,10 @@ from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 
 import numpy as np
+from filelock import FileLock, Timeout
 
 from addressed_dynamics.base.errors import RecordingError
+from addressed_dynamics.base.files import atomic_path
 from addressed_dynamics.base.params.recording import (
     DqnBehaviour,
     GaitBehaviour,
@@ -25,6 +27,9 @@ from addressed_dynamics.recording.gait import GaitPolicy
 from addressed_dynamics.recording.provenance import run_info
 from addressed_dynamics.recording.recorder import TransitionRecorder
 from addressed_dynamics.recording.spaces import space_spec
+
+_LOCK = ".lock"
+"""File in a folder of a recording that is going on."""
 
 EPISODES_PER_COPY = 10_000_000
 COPIES_PER_SEGMENT = 1_000
@@ -73,25 +78,46 @@ def recording_folder(target: Path) -> Iterator[Path]:
 
     Otherwise the logs, if there are any, stay in a hidden folder beside `target` until the next recording, and the
     exception carries a note that says where.
+
+    Raises:
+        RecordingError: another process is recording for the same target.
     """
     partial = target.with_name(f".{target.name}.partial")
-    if partial.exists():
-        shutil.rmtree(partial)
-    partial.mkdir(parents=True)
+    with _alone_in(partial):
+        try:
+            yield partial
+        except BaseException as error:
+            if any(each.name != _LOCK for each in partial.iterdir()):
+                error.add_note(
+                    f"what was recorded stays in {partial} until the next recording; "
+                    "'addressed-dynamics recover FILE' saves the whole episodes of a file that was cut off"
+                )
+            raise
+        (partial / _LOCK).unlink()
+        with atomic_path(target) as temporary:
+            partial.replace(temporary)
+
+
+@contextmanager
+def _alone_in(folder: Path) -> Iterator[None]:
+    """Let no other process work in a folder, which is emptied first; remove it if it is empty in the end."""
+    folder.mkdir(parents=True, exist_ok=True)
+    lock = FileLock(folder / _LOCK, timeout=0)
     try:
-        yield partial
-    except BaseException as error:
-        if any(partial.iterdir()):
-            error.add_note(
-                f"what was recorded stays in {partial} until the next recording; "
-                "'addressed-dynamics recover FILE' saves the whole episodes of a file that was cut off"
-            )
-        else:
-            partial.rmdir()
-        raise
-    if target.exists():
-        shutil.rmtree(target)
-    partial.replace(target)
+        lock.acquire()
+    except Timeout as error:
+        message = f"{folder}: another process is recording there; wait until it ends, or end it"
+        raise RecordingError(message) from error
+    try:
+        for each in folder.iterdir():
+            if each.name != _LOCK:
+                shutil.rmtree(each) if each.is_dir() else each.unlink()
+        yield
+    finally:
+        lock.release()
+        (folder / _LOCK).unlink(missing_ok=True)
+        if folder.exists() and not any(folder.iterdir()):
+            folder.rmdir()
 
 
 def first_episode(segment_index: int, copy: int) -> int:
