@@ -4,7 +4,7 @@
 
 The pipeline of the tests, a minute long, runs once undisturbed in a new project below FOLDER. Then every stage is run
 again from where it began and disturbed: killed with SIGKILL together with DVC and all of its workers, several times in
-a row before it may end; one of its workers killed alone; the file system full; the MLflow store removed, locked,
+a row before it may end; one of its workers killed alone, or DVC alone; the file system full; the MLflow store removed, locked,
 damaged, or its server killed or stopped. After each disturbance nothing half written may lie where a reader would take
 it for whole, and once the stage has ended, all of `data` and dvc.lock have to be as after the undisturbed run, bit for
 bit, but for the time that raw logs and reports hold. At last two `dvc repro` run at once.
@@ -24,7 +24,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
@@ -33,7 +33,7 @@ from typing import Any
 
 from filelock import FileLock
 from measuring import print_table
-from soak_commands import Command, kill_all, processes_in, remarks, stopped
+from soak_commands import PAUSE, Command, kill_all, processes_in, remarks, stopped
 from soak_mlflow import SERVER, WAYS, Server, taken_away
 from soak_projects import (
     State,
@@ -64,6 +64,10 @@ ROOM = 1 << 31
 """Bytes of the small file system while there is room."""
 LOOKS = 20
 """So often before each kill all is held still, and looked at."""
+COUNTS = ("disturbed", "looked", "ended", "faults")
+"""What is counted of each stage and kind of disturbance."""
+MOST_LINES = 12
+"""So many of the lines that were said are kept for each kind."""
 SHOWN = 5
 """So many differences are named."""
 
@@ -133,13 +137,15 @@ class Soak:
         room.clear()
         return room.clone
 
-    def start(self, target: object, *, room: "Room | None" = None, log: Path | None = None, **more: str) -> Command:
+    def start(
+        self, target: object, *, room: "Room | None" = None, log: Path | None = None, warm: bool = True, **more: str
+    ) -> Command:
         """Start `dvc repro` of a stage, with one or two processes for trainings."""
         room = room or self._room
         processes = {"ADDRESSED_DYNAMICS_PROCESSES": "2" if self.draw.random() < 0.25 else "1"}
         arguments = ("--single-item", str(target)) if isinstance(target, Step) else tuple(str(target).split())
         settings = {**room.settings, **processes, **more}
-        return Command(room.clone, "repro", *arguments, log=log or self.log, settings=settings, warm=self.warm)
+        return Command(room.clone, "repro", *arguments, log=log or self.log, settings=settings, warm=warm and self.warm)
 
     def instant(self, step: Step) -> float:
         """Draw an instant of a stage, in seconds after its begin, as long as it takes now."""
@@ -236,6 +242,33 @@ class Soak:
             lines = [line for line in command.log.splitlines() if line.startswith("error: ")]
             if status not in {0, None} and len(lines) != 1:
                 self.fault(tally, f"{step} ends with status {status} and {len(lines)} lines of its own", command)
+            self.finish(step, kind)
+            yield
+
+    def orphan(self, step: Step, count: int) -> Iterator[None]:
+        """Kill DVC alone so many times, and run the stage again at once, while what DVC had started goes on."""
+        kind, tally = "DVC killed alone", self.tally(step, "DVC killed alone")
+        while tally.disturbed < count:
+            clone = self.begin(step)
+            command = self.start(step, warm=False, log=self.folder / "log0")
+            command.has_ended(math.inf, partial(_marked, clone, "-m pipeline."))
+            command.has_ended(command.seconds + self.draw.random() * max(self.seconds[step][-3:]))
+            for victim in _marked(clone, "-m dvc"):
+                with suppress(ProcessLookupError):
+                    os.kill(victim, signal.SIGKILL)
+            if not _marked(clone, "-m pipeline."):
+                continue
+            tally.disturbed += 1
+            again = self.start(step, warm=False)
+            status = again.wait()
+            while _marked(clone, "-m pipeline."):
+                time.sleep(PAUSE)
+            for each in (command, again):
+                tally.said += remarks(each.log, step.experiment)
+            lines = [line for line in again.log.splitlines() if line.startswith("error: ")]
+            if status is None or (status and len(lines) != 1) or "Traceback" in command.log + again.log:
+                self.fault(tally, f"{step}: run again beside its orphan: status {status}, {lines}", again)
+            self.look(step, kind, again)
             self.finish(step, kind)
             yield
 
@@ -408,6 +441,7 @@ def soak(found: Soak, options: argparse.Namespace, room: "SmallRoom | None", ser
         waiting.append(found.kill(step, options.kills))
         waiting.append(found.kill_alone(step, options.alone, "worker killed", "spawn_main"))
         waiting.append(found.kill_alone(step, min(options.alone, 2), "tracker killed", "resource_tracker"))
+        waiting.append(found.orphan(step, options.orphans))
         if room:
             waiting.append(found.fill(step, options.full, room))
         if step.stage in TRACKED:
@@ -432,12 +466,38 @@ def rows(found: Soak) -> list[dict[str, Any]]:
     return [
         {
             "stage": name, "kind": kind, "disturbed": tally.disturbed, "looked": tally.looked, "ended": tally.ended,
-            "faults": len(tally.faults), "left": dict(tally.left), "dvc": dict(tally.dvc),
-            "said": dict(tally.said.most_common()),
+            "faults": len(tally.faults), "left": dict(tally.left), "dvc": dict(tally.dvc), "said": dict(tally.said),
         }
         for (name, kind), tally in found.tallies.items()
         if tally.disturbed
     ]  # fmt: skip
+
+
+def added(kept: Mapping[str, Any], table: Sequence[Mapping[str, Any]], seed: int) -> dict[str, Any]:
+    """Return what docs/figures keeps, with what a soak found added: all counts, and what was said most often."""
+    stages = {name: dict(kinds) for name, kinds in kept.get("stages", {}).items()}
+    said = {kind: Counter(lines) for kind, lines in kept.get("said", {}).items()}
+    dvc, left = Counter(kept.get("dvc", {})), Counter(kept.get("left", {}))
+    for row in table:
+        counts = Counter({key: row[key] for key in COUNTS})
+        kinds = stages.setdefault(row["stage"], {})
+        kinds[row["kind"]] = {key: (counts + Counter(kinds.get(row["kind"], {})))[key] for key in COUNTS}
+        said.setdefault(row["kind"], Counter()).update(row["said"])
+        dvc, left = dvc + Counter(row["dvc"]), left + Counter(row["left"])
+    return {
+        "seeds": [*kept.get("seeds", []), seed],
+        "stages": stages,
+        "dvc": dict(dvc),
+        "left": dict(left),
+        "said": {kind: dict(lines.most_common(MOST_LINES)) for kind, lines in said.items()},
+    }
+
+
+def keep(path: Path, table: Sequence[Mapping[str, Any]], seed: int) -> None:
+    """Add what was found to a file of figures; 'python -m publishing' says in it when that was measured."""
+    with FileLock(f"{path}.lock"):
+        kept = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+        path.write_text(json.dumps(added(kept, table, seed), indent=1), encoding="utf-8")
 
 
 def main() -> None:
@@ -448,6 +508,7 @@ def main() -> None:
     parser.add_argument("--stages", nargs="+", choices=[*STAGES, "record", "import"], help="only these")
     parser.add_argument("--kills", type=int, default=100, help="of each stage, with DVC and its workers")
     parser.add_argument("--alone", type=int, default=10, help="of a worker alone, and of the resource tracker alone")
+    parser.add_argument("--orphans", type=int, default=10, help="of DVC alone, while the stage goes on")
     parser.add_argument("--full", type=int, default=20, help="times that the disk of each stage is full")
     parser.add_argument("--gone", type=int, default=20, help="times that each stage loses MLflow")
     parser.add_argument("--pairs", type=int, default=10, help="of two 'dvc repro' of each sort")
@@ -463,7 +524,9 @@ def main() -> None:
         print("no file system can be mounted here, so no disk is filled", file=sys.stderr)
         options.full = 0
     print(f"seed {options.seed}", flush=True)
-    found = Soak(options.folder, options.seed, steps_of(options.experiments), warm=not options.cold)
+    steps = steps_of(options.experiments)
+    last = max(number for number, step in enumerate(steps) if not options.stages or step.stage in options.stages)
+    found = Soak(options.folder, options.seed, steps[: last + 1], warm=not options.cold)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit("terminated"))
     with ExitStack() as stack:
         stack.callback(kill_all, found.folder)
@@ -472,17 +535,11 @@ def main() -> None:
         soak(found, options, room, server)
     table = rows(found)
     print_table(
-        ["stage", "kind", "disturbed", "looked", "ended", "faults"],
-        [
-            [each["stage"], each["kind"], *(str(each[key]) for key in ("disturbed", "looked", "ended", "faults"))]
-            for each in table
-        ],
+        ["stage", "kind", *COUNTS],
+        [[each["stage"], each["kind"], *(str(each[key]) for key in COUNTS)] for each in table],
     )
     if options.figures:
-        with FileLock(f"{options.figures}.lock"):
-            kept = json.loads(options.figures.read_text("utf-8")) if options.figures.exists() else {"runs": []}
-            kept["runs"].append({"seed": options.seed, "cold": options.cold, "rows": table})
-            options.figures.write_text(json.dumps(kept, indent=1), encoding="utf-8")
+        keep(options.figures, table, options.seed)
 
 
 if __name__ == "__main__":
