@@ -66,6 +66,8 @@ $(VENV)/checked: $(VENV)/installed requirements-dev.lock
 run: $(VENV)/installed
 	@git rev-parse --git-dir > /dev/null 2>&1 || { echo "error: DVC keeps its records in Git, and this folder is not a \
 	Git repository; clone it, or run 'git init' in it first" >&2; exit 1; }
+	@# What a DVC that was killed left half written stops every later one until it is removed (docs/soak.md).
+	@find .dvc/cache/runs -type d -empty -delete 2> /dev/null; find .dvc/tmp/rwlock -size 0 -delete 2> /dev/null; true
 	@# The experiments side by side: DVC runs the stages of one 'dvc repro' in turn, and most keep one core busy. Each waits for the others' locks, which last seconds.
 	@# Of more than there are cores, the later ones take what the others leave: at the end of each a stage keeps one core alone.
 	@PATH="$(CURDIR)/$(BIN):$$PATH"; dvc status --quiet || \
@@ -133,7 +135,7 @@ ui: $(VENV)/installed
 	$(BIN)/addressed-dynamics ui
 
 bench: $(VENV)/installed
-	@set -e; for script in $$(grep -l "def main" benchmarks/*.py | grep -vE "larger_than_memory|real_data|whole_run"); do echo "== $$script"; $(BIN)/python "$$script"; done
+	@set -e; for script in $$(grep -l "def main" benchmarks/*.py | grep -vE "larger_than_memory|real_data|whole_run|soak"); do echo "== $$script"; $(BIN)/python "$$script"; done
 
 clean:
 	rm -rf $(VENV) build dist site .checkpoints .mlflow .dvc/cache .dvc/tmp data

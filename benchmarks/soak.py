@@ -4,10 +4,11 @@
 
 The pipeline of the tests, a minute long, runs once undisturbed in a new project below FOLDER. Then every stage is run
 again from where it began and disturbed: killed with SIGKILL together with DVC and all of its workers, several times in
-a row before it may end; one of its workers killed alone, or DVC alone; the file system full; the MLflow store removed, locked,
-damaged, or its server killed or stopped. After each disturbance nothing half written may lie where a reader would take
-it for whole, and once the stage has ended, all of `data` and dvc.lock have to be as after the undisturbed run, bit for
-bit, but for the time that raw logs and reports hold. At last two `dvc repro` run at once.
+a row before it may end; one of its workers killed alone, or DVC alone; the file system full; the MLflow store removed,
+locked, damaged, or its server killed or stopped. After each disturbance, and at more instants at which all processes
+are held still, nothing half written may lie where a reader would take it for whole. Once the stage has ended, all of
+`data` and dvc.lock have to be as after the undisturbed run, bit for bit, but for the time that raw logs and reports
+hold. Between such rounds, two `dvc repro` run at once.
 
 An instant is a share of the time that the stage takes at that moment, so that it does not matter what else the machine
 does. The seed decides all draws. Filling the disk needs the right to mount a file system. `make bench` leaves this out.
@@ -256,6 +257,7 @@ class Soak:
             for victim in _marked(clone, "-m dvc"):
                 with suppress(ProcessLookupError):
                     os.kill(victim, signal.SIGKILL)
+            command.has_ended(math.inf)  # or it would be a zombie, which DVC takes for one that runs
             if not _marked(clone, "-m pipeline."):
                 continue
             tally.disturbed += 1

@@ -21,7 +21,11 @@ from publishing.figures import Figures
 
 FIGURES = Path("docs", "figures")
 TEMPLATES = Path("docs", "templates")
-DOCUMENTS = {"README.md.j2": Path("README.md"), "results.md.j2": Path("docs", "results.md")}
+DOCUMENTS = {
+    "README.md.j2": Path("README.md"),
+    "results.md.j2": Path("docs", "results.md"),
+    "soak.md.j2": Path("docs", "soak.md"),
+}
 """Templates, and the documents that are made of them."""
 SCALES = {"quick": "quick scale", "paper": "paper's scale"}
 """Folders of figures that stand beside each other in a table, with what they are called there."""
