@@ -253,7 +253,8 @@ def leftovers(clone: Path, temporary: Path) -> dict[str, int]:
     """Count what a stage that ended well has left: partial files, checkpoints, and entries of the temporary folder."""
     partial = [path for name in ("data", ".checkpoints") for path in (clone / name).rglob("*.partial")]
     kept = [path for path in (clone / ".checkpoints").rglob("*") if path.is_file() and path.suffix != ".partial"]
-    counts = {"partial": len(partial), "checkpoints": len(kept), "temporary": len(list(temporary.iterdir()))}
+    others = [path for path in temporary.iterdir() if not path.name.startswith("torchinductor_")]  # one for each user
+    counts = {"partial": len(partial), "checkpoints": len(kept), "temporary": len(others)}
     return {name: number for name, number in counts.items() if number}
 
 
