@@ -9,13 +9,14 @@ import argparse
 import hashlib
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -215,11 +216,14 @@ def bin_in_turns(folder: Path, samples: int, members: int, *, mapped: bool) -> d
 
 
 def step(folder: Path, name: str, **values: Any) -> dict[str, Any]:
-    """Run one of the functions above in a process of its own, and return what it found."""
-    command = [sys.executable, __file__, "--step", name, "--folder", str(folder), "--values", json.dumps(values)]
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
-    done = subprocess.run(command, env=environment, stdout=subprocess.PIPE, text=True, check=True)
-    found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    """Return what one of the functions above found, in a process of its own; it is not run again if that is known."""
+    kept = folder / "-".join([name, *(f"{key}{value}" for key, value in values.items())])
+    if not kept.exists():
+        command = [sys.executable, __file__, "--step", name, "--folder", str(folder), "--values", json.dumps(values)]
+        environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+        done = subprocess.run(command, env=environment, stdout=subprocess.PIPE, text=True, check=True)
+        kept.write_text(done.stdout.splitlines()[-1], encoding="utf-8")
+    found: dict[str, Any] = json.loads(kept.read_text("utf-8"))
     print(name, values, {key: round(v, 2) if isinstance(v, float) else v for key, v in found.items()}, file=sys.stderr)
     return found
 
@@ -230,6 +234,7 @@ def run_step(name: str, folder: Path, values: dict[str, Any]) -> dict[str, Any]:
         begin = time.perf_counter()
         make_tables(folder, values["rows"], values["width"])
         return {"wall": time.perf_counter() - begin}
+    values.pop("turn", None)
     if name == "train":
         return train(folder, **values)
     return bin_in_turns(folder, **values)
@@ -241,15 +246,15 @@ def trainings(folder: Path, sizes: list[int], *, width: int, history: int) -> di
     of_million = settings | {"addressed": history == 1}
     tables = folder / f"tables-{width}-million"
     step(tables, "make", rows=MILLION, width=width)
-    in_memory = [step(tables, "train", memory=EVERYTHING, **of_million)]
-    found = {"1000000": step(tables, "train", memory=NOTHING, **of_million)}
-    for size in sizes:
+    in_memory = [step(tables, "train", memory=EVERYTHING, turn=0, **of_million)]
+    found = {str(MILLION): step(tables, "train", memory=NOTHING, **of_million)}
+    for turn, size in enumerate(sizes, start=1):
         if size > MILLION:
             larger = folder / f"tables-{width}-{size}"
             step(larger, "make", rows=size, width=width)
             found[str(size)] = step(larger, "train", memory=NOTHING, **settings, addressed=False)
-            subprocess.run(["rm", "-rf", str(larger)], check=True)
-        in_memory.append(step(tables, "train", memory=EVERYTHING, **of_million))
+            shutil.rmtree(larger / "transitions", ignore_errors=True)
+        in_memory.append(step(tables, "train", memory=EVERYTHING, turn=turn, **of_million))
     return {"in_memory": in_memory, "streamed": found}
 
 
@@ -257,10 +262,12 @@ def main() -> None:
     """Print what was found; with `--figures`, write it, too."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--folder", type=Path, help="where 10 GB of files may lie for a while")
+    parser.add_argument("--keep", action="store_true", help="keep the folder, and go on in it when it was cut off")
     parser.add_argument("--largest", type=int, default=100 * MILLION, help="transitions")
     parser.add_argument("--wide", type=int, default=20 * MILLION, help="transitions with six frames; 0 for none")
     parser.add_argument("--profiles", type=int, default=100 * MILLION, help="loss profiles for Algorithm 1")
     parser.add_argument("--figures", type=Path, help="file to write")
+    parser.add_argument("--chart", type=Path, help="SVG to draw")
     parser.add_argument("--step", help=argparse.SUPPRESS)
     parser.add_argument("--values", default="{}", help=argparse.SUPPRESS)
     options = parser.parse_args()
@@ -268,8 +275,8 @@ def main() -> None:
         options.folder.mkdir(parents=True, exist_ok=True)
         print(json.dumps(run_step(options.step, options.folder, json.loads(options.values))))
         return
-    with tempfile.TemporaryDirectory(dir=options.folder) as temporary:
-        folder = Path(temporary)
+    with nullcontext(options.folder) if options.keep else tempfile.TemporaryDirectory(dir=options.folder) as place:
+        folder = Path(place)
         found: dict[str, Any] = {
             "bins": {
                 name: step(folder, "bins", samples=options.profiles, members=4, mapped=name == "in_a_file")
@@ -282,6 +289,42 @@ def main() -> None:
     report(found)
     if options.figures:
         options.figures.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+
+    if options.chart:
+        draw(found, options.chart)
+
+
+def draw(found: dict[str, Any], path: Path) -> None:
+    """Draw how time and memory grow with the number of transitions."""
+    import matplotlib as mpl
+
+    mpl.use("svg")
+    mpl.rcParams |= {"svg.fonttype": "none", "svg.hashsalt": "larger-than-memory", "font.family": "sans-serif"}
+    from matplotlib import pyplot
+
+    sizes = {int(size): each for size, each in found["trainings"]["streamed"].items()}
+    figure, (time_axis, memory_axis) = pyplot.subplots(1, 2, figsize=(9, 3.4), layout="constrained")
+    seconds = {
+        "an epoch with Algorithm 1": [per_sample(each, "cpu") * size for size, each in sizes.items()],
+        "of which profiles and bins": [each["binning_cpu"] for each in sizes.values()],
+    }
+    memory = {
+        "resident": [each["VmRSS"] / 1024 for each in sizes.values()],
+        "no page of a file": [each["RssAnon"] / 1024 for each in sizes.values()],
+    }
+    for axis, lines, label in ((time_axis, seconds, "seconds of a processor"), (memory_axis, memory, "GiB")):
+        for (name, values), colour in zip(lines.items(), ("#0b5c8a", "#c2571a"), strict=True):
+            axis.plot([*sizes], values, marker="o", color=colour, label=name)
+        axis.set(xscale="log", xlabel="transitions", ylabel=label)
+        axis.grid(visible=True, color="#dddddd")
+        axis.spines[["top", "right"]].set_visible(False)
+    time_axis.set_yscale("log")
+    memory_axis.axhline(4, color="#777777", linestyle="--", label="4 GiB")
+    memory_axis.set_ylim(bottom=0)
+    for axis in (time_axis, memory_axis):
+        axis.legend(frameon=False)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, metadata={"Date": None})
 
 
 def _up_to(largest: int) -> list[int]:

@@ -33,7 +33,7 @@ from addressed_dynamics.episodes.tables import (
     row_count,
     stack,
 )
-from addressed_dynamics.episodes.transitions import ContinuousAction, Dimension, SpaceSpec, Transitions
+from addressed_dynamics.episodes.transitions import COLUMNS, ContinuousAction, Dimension, SpaceSpec, Transitions
 
 FORMAT_VERSION = 1
 """Version of the columns and metadata below; a reader refuses any other."""
@@ -172,18 +172,31 @@ def load_transitions(folder: Path, split: Split | None = None) -> Transitions:
     Raises:
         TableError: a file is missing or damaged, or no episode is in the split.
     """
+    if split is not None:
+        return _joined(TransitionStream(folder, split))
     by_log: dict[str, list[Transitions]] = {}
     for path in table_files(folder, split):
-        table = read_table(path)
-        by_log.setdefault(path.name, []).append(table.transitions if split is None else table.only(split))
-    if split is not None and not any(len(part) for parts in by_log.values() for part in parts):
-        raise _none_in(folder, split)
+        by_log.setdefault(path.name, []).append(read_table(path).transitions)
     try:
         transitions = Transitions.concatenate([_in_order(by_log[name]) for name in sorted(by_log)])
     except TransitionsError as error:
         message = f"{folder}: {error}"
         raise TableError(message) from error
     return transitions
+
+
+def _joined(stream: TransitionStream) -> Transitions:
+    """Return what comes in parts as a whole; no more than a part is in memory twice."""
+    columns, count = dict[str, np.ndarray](), 0
+    for part in stream:
+        for name in COLUMNS:
+            values = getattr(part, name)
+            if name not in columns:
+                columns[name] = np.empty((stream.rows, *values.shape[1:]), values.dtype)
+            columns[name][count : count + len(part)] = values
+        count += len(part)
+        spec = part.spec
+    return Transitions(spec=spec, **{name: values[:count] for name, values in columns.items()})
 
 
 def _none_in(folder: Path, split: Split) -> TableError:

@@ -11,6 +11,7 @@ from torch import Tensor
 
 from addressed_dynamics.features.common.augmentation import Augment
 from addressed_dynamics.features.common.samples import Dropped, Samples, Windows, fingerprint
+from addressed_dynamics.features.common.spool import release
 
 
 class AnyFeatures(Protocol):
@@ -86,7 +87,9 @@ class TrainingData(Generic[Features]):
     @cached_property
     def fingerprint(self) -> str:
         """A hash of everything that a training may see."""
-        return fingerprint(*self.tensors)
+        found = fingerprint(*self.tensors)
+        release(*self.tensors)
+        return found
 
     @property
     def tensors(self) -> tuple[Tensor | Windows, ...]:

@@ -12,7 +12,7 @@ from torch import Tensor
 from addressed_dynamics.base.errors import ModelError
 from addressed_dynamics.episodes.transitions import DiscreteAction, SpaceSpec, Transitions
 from addressed_dynamics.features.common.samples import Samples, Windows
-from addressed_dynamics.features.common.spool import Sink
+from addressed_dynamics.features.common.spool import Sink, release
 from addressed_dynamics.features.transitions.courses import TransitionCourses
 from addressed_dynamics.features.transitions.windows import EpisodeLengths, check_lengths
 
@@ -97,4 +97,6 @@ def samples_of(features: FeatureSpec, columns: Mapping[str, Tensor], *, courses:
         following = TransitionCourses(
             features, frames, columns["observation"], columns["next_observation"], rows, columns["last"]
         )
-    return Samples(x, columns["y"], columns["episode"], columns["step"], following)
+    samples = Samples(x, columns["y"], columns["episode"], columns["step"], following)
+    release(*columns.values())
+    return samples
