@@ -15,9 +15,7 @@ from tqdm import tqdm
 
 from addressed_dynamics.base.cluster import ENGINE, engine
 from addressed_dynamics.base.errors import AddressedDynamicsError, ParamsError
-from addressed_dynamics.base.memory import memory_for_samples
 from addressed_dynamics.base.params.experiments import replaced_keys
-from addressed_dynamics.features.common.spool import Spool
 
 DATA = Path("data")
 """Everything DVC owns; relative, because DVC runs stages in the root of the repository."""
@@ -97,18 +95,6 @@ def training_workers() -> int:
         message = f"{WORKERS} is {workers}, but the workers are those of a cluster; say which one in {ENGINE}"
         raise ParamsError(message)
     return workers
-
-
-def training_spool(experiment: str, stage: str) -> Spool:
-    """Return where a stage puts the samples of a split that is larger than memory: beside its checkpoints.
-
-    That is half of the memory that is free, or what the environment variable `ADDRESSED_DYNAMICS_MEMORY` says: no
-    param, because what comes out does not depend on it.
-
-    Raises:
-        ParamsError: the variable is no size.
-    """
-    return Spool(checkpoints_dir(experiment) / stage, memory_for_samples())
 
 
 def _positive(variable: str, default: int) -> int:

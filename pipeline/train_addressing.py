@@ -4,8 +4,8 @@ from addressed_dynamics.base.kinds import supplied
 from addressed_dynamics.base.params.experiments import load_experiment
 from addressed_dynamics.base.torch_runtime import prepare_torch
 from addressed_dynamics.networks.files import load_any_network
-from pipeline.stage import Call, figures_dir, median_of, run_stage, tables_dir, training_processes, training_spool
-from pipeline.trainings import Stage, train_addressings, trained_ensembles
+from pipeline.stage import Call, figures_dir, median_of, run_stage, tables_dir, training_processes
+from pipeline.trainings import Stage, train_addressings, trained_ensembles, training_spool
 
 
 def main(call: Call) -> str:

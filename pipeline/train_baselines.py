@@ -8,8 +8,8 @@ from addressed_dynamics.base.params.experiments import load_recipes
 from addressed_dynamics.base.torch_runtime import prepare_torch
 from addressed_dynamics.training.baselines import plan_baselines
 from pipeline.baselines import train_baselines
-from pipeline.stage import Call, figures_dir, run_stage, tables_dir, training_processes, training_spool
-from pipeline.trainings import Stage, trained_members
+from pipeline.stage import Call, figures_dir, run_stage, tables_dir, training_processes
+from pipeline.trainings import Stage, trained_members, training_spool
 
 
 def main(call: Call) -> str:

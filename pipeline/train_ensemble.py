@@ -11,10 +11,9 @@ from pipeline.stage import (
     run_stage,
     tables_dir,
     training_processes,
-    training_spool,
     training_workers,
 )
-from pipeline.trainings import Stage, remove_checkpoints, train_ensembles
+from pipeline.trainings import Stage, remove_checkpoints, train_ensembles, training_spool
 
 
 def main(call: Call) -> str:

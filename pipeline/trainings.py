@@ -13,9 +13,10 @@ from torch import Tensor
 from addressed_dynamics import tracking
 from addressed_dynamics.base.errors import ModelError
 from addressed_dynamics.base.files import atomic_path, write_json, write_rows
+from addressed_dynamics.base.memory import memory_for_samples
 from addressed_dynamics.base.params.training import AddressingParams, AddressingTraining, EnsembleParams
 from addressed_dynamics.features.common.samples import Samples, fingerprint
-from addressed_dynamics.features.common.spool import beside, release
+from addressed_dynamics.features.common.spool import Spool, beside, release
 from addressed_dynamics.features.common.training_data import Choice, Features, TrainingData
 from addressed_dynamics.networks.files import SavedNetwork, read_index, save_network
 from addressed_dynamics.networks.stacked import StackedMLP
@@ -78,6 +79,18 @@ class Stage:
     """Trainings at the same time."""
     workers: int = 1
     """Workers of a cluster that do each of them together."""
+
+
+def training_spool(experiment: str, stage: str) -> Spool:
+    """Return where a stage puts the samples of a split that is larger than memory: beside its checkpoints.
+
+    That is half of the memory that is free, or what the environment variable `ADDRESSED_DYNAMICS_MEMORY` says: no
+    param, because what comes out does not depend on it.
+
+    Raises:
+        ParamsError: the variable is no size.
+    """
+    return Spool(checkpoints_dir(experiment) / stage, memory_for_samples())
 
 
 def train_tracked(

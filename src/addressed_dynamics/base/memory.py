@@ -10,6 +10,12 @@ MEMORY = "ADDRESSED_DYNAMICS_MEMORY"
 """Environment variable: so much memory the samples of a split may take, such as `8GiB`; larger ones lie in files."""
 SHARE = 0.5
 """Share of the memory that is free that they may take otherwise, beside what trainings keep of each sample."""
+_CGROUP = Path("/sys/fs/cgroup")
+_GROUPS = (
+    (_CGROUP / "memory.max", _CGROUP / "memory.current"),
+    (_CGROUP / "memory" / "memory.limit_in_bytes", _CGROUP / "memory" / "memory.usage_in_bytes"),
+)
+"""Files with the limit of the process's group and what it has taken, in both versions; "max" is no limit."""
 _UNITS = {"": 1, "MB": 10**6, "GB": 10**9, "TB": 10**12, "MIB": 2**20, "GIB": 2**30, "TIB": 2**40}
 _SIZE = re.compile(r"(\d+(?:\.\d+)?) ?(\w*)")
 
@@ -39,9 +45,10 @@ def free_memory() -> int:
         free = int(lines["MemAvailable"].split()[0]) * 1024
     except (OSError, KeyError, ValueError):
         free = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    group = Path("/sys/fs/cgroup")
-    try:
-        limit, used = (int((group / f"memory.{name}").read_text(encoding="ascii")) for name in ("max", "current"))
-    except (OSError, ValueError):
-        return free
-    return max(min(free, limit - used), 0)
+    for limit, used in _GROUPS:
+        try:
+            left = int(limit.read_text(encoding="ascii")) - int(used.read_text(encoding="ascii"))
+        except (OSError, ValueError):
+            continue
+        free = min(free, max(left, 0))
+    return free
