@@ -32,6 +32,8 @@ EVERYTHING, NOTHING = 2**62, 0
 """Bytes of samples that memory is said to hold."""
 WIDE = 6
 """Dimensions of a state, with three actions: 54 inputs of six frames."""
+STAGED = 10 * MILLION
+"""So many are also trained as if the system's cache did not hold them."""
 MOST_TRAINED = 10 * MILLION
 """Samples that are trained on at most, of all at random: an epoch that is cut short."""
 
@@ -124,17 +126,25 @@ def make_tables(folder: Path, rows: int, width: int) -> None:
                 write(table)
 
 
-def train(tables: Path, memory: int, history: int, most: int, addressed: bool) -> dict[str, Any]:
-    """Train an ensemble of MountainCar's params, for an epoch of so many samples at most; say what it took."""
+def train(
+    tables: Path, memory: int, history: int, most: int, addressed: bool, *, staged: bool = False
+) -> dict[str, Any]:
+    """Train an ensemble of MountainCar's params, for an epoch of so many samples at most; say what it took.
+
+    If it is `staged`, samples are laid out in the order of the epoch, as if no cache held them.
+    """
     from addressed_dynamics.base.params.experiments import load_experiment
     from addressed_dynamics.base.torch_runtime import prepare_torch
     from addressed_dynamics.features.common.spool import Spool, beside
     from addressed_dynamics.features.transitions.kind import load_training_data
+    from addressed_dynamics.training import staging
     from addressed_dynamics.training.addressing import train_addressing
     from addressed_dynamics.training.ensemble import evaluate_profiles, train_ensemble
     from addressed_dynamics.training.losses import reported_loss
 
     prepare_torch(threads=1)
+    if staged:
+        staging.free_memory = lambda: 0
     sections = load_experiment(PARAMS_FILE, "mountaincar", "transitions")
     params = sections.ensemble.model_copy(update={"epochs": 1, "cluster_epochs": 1})
     with watched() as peaks:
@@ -186,7 +196,7 @@ def bin_in_turns(folder: Path, samples: int, members: int, *, mapped: bool) -> d
     """Run Algorithm 1 on random profiles, in memory or in a file, beside one sort; say what it took."""
     import torch
 
-    from addressed_dynamics.features.common.spool import _scratch
+    from addressed_dynamics.features.common.spool import _scratch, release
     from addressed_dynamics.training.clustering import small_bins
 
     torch.set_num_threads(1)
@@ -204,6 +214,7 @@ def bin_in_turns(folder: Path, samples: int, members: int, *, mapped: bool) -> d
     losses, generator = make((samples, members), torch.float32), torch.Generator().manual_seed(0)
     for first in range(0, samples, MILLION):
         torch.rand(losses[first : first + MILLION].shape, generator=generator, out=losses[first : first + MILLION])
+    release(losses)
     with watched() as peaks:
         begin, wall = time.process_time(), time.perf_counter()
         bins = small_bins(losses, make=make)
@@ -253,9 +264,12 @@ def trainings(folder: Path, sizes: list[int], *, width: int, history: int) -> di
             larger = folder / f"tables-{width}-{size}"
             step(larger, "make", rows=size, width=width)
             found[str(size)] = step(larger, "train", memory=NOTHING, **settings, addressed=False)
+            if size == STAGED:
+                found["staged"] = step(larger, "train", memory=NOTHING, **settings, addressed=False, staged=True)
             shutil.rmtree(larger / "transitions", ignore_errors=True)
         in_memory.append(step(tables, "train", memory=EVERYTHING, turn=turn, **of_million))
-    return {"in_memory": in_memory, "streamed": found}
+    staged = found.pop("staged", None)
+    return {"in_memory": in_memory, "streamed": found, "staged": staged}
 
 
 def main() -> None:
@@ -363,6 +377,9 @@ def report(found: dict[str, Any]) -> None:
             "files",
         ]
         print_table([name, *headings], rows)
+        if staged := found[name]["staged"]:
+            ratio = per_sample(found[name]["streamed"][str(STAGED)], "cpu") / per_sample(staged, "cpu")
+            print(f"{STAGED:,} laid out in the order of the epoch: {ratio:.2f} of the samples/s (by CPU)")
         same = in_memory[0]["digest"] == found[name]["streamed"][str(MILLION)]["digest"]
         print(f"the same million in memory and streamed: {'the same bytes' if same else 'OTHER BYTES'}")
     bins = found["bins"]

@@ -19,12 +19,13 @@ from addressed_dynamics.episodes.parquet import (
     table_writer,
 )
 from addressed_dynamics.episodes.transitions import Transitions
+from addressed_dynamics.features.common.samples import Samples
 from addressed_dynamics.features.common.spool import Mapped, Spool, beside
 from addressed_dynamics.features.common.training_data import TrainingData
 from addressed_dynamics.features.transitions import kind, spec
 from addressed_dynamics.features.transitions.spec import FeatureSpec, fit_features
 from addressed_dynamics.sources.transitions.params import ExperimentParams, FeatureSection
-from addressed_dynamics.training import clustering, epochs
+from addressed_dynamics.training import clustering, epochs, staging
 from addressed_dynamics.training.addressing import train_addressing
 from addressed_dynamics.training.checkpoints import Checkpoint
 from addressed_dynamics.training.ensemble import Binning, evaluate_profiles, train_ensemble
@@ -80,22 +81,34 @@ def trained(
 
 
 @pytest.mark.parametrize(
-    ("history", "binning", "update"),
+    ("history", "binning", "update", "cache"),
     [
-        (1, "equal", {}),
-        (3, "equal", {"overlap": 0.3}),
-        (1, "lowest_loss", {}),
-        (3, "random", {}),
-        (2, "equal", {"horizon": 3}),
-        (1, "equal", {"temperature": 1.0, "horizon": 2}),
+        (1, "equal", {"shares": 2}, 0),
+        (3, "equal", {"overlap": 0.3, "cluster_epochs": 2}, 0),
+        (1, "lowest_loss", {}, 0),
+        (3, "random", {}, 0),
+        (1, "equal", {}, 2**40),
+        (2, "equal", {"horizon": 3}, 2**40),
+        (1, "equal", {"temperature": 1.0, "horizon": 2}, 2**40),
     ],
 )
 def test_in_memory_and_in_files_the_same_bytes_are_trained(
-    tables: Path, monkeypatch: pytest.MonkeyPatch, history: int, binning: Binning, update: dict[str, Any]
+    tables: Path, monkeypatch: pytest.MonkeyPatch, history: int, binning: Binning, update: dict[str, Any], cache: int
 ) -> None:
     # So small that every loop over blocks has several.
     monkeypatch.setattr(clustering, "ROWS_ON_CPU", 16)
     monkeypatch.setattr(epochs, "BLOCK_ROWS", 16)
+    # Without a cache, samples are laid out in the order of the epoch.
+    monkeypatch.setattr(staging, "free_memory", lambda: cache)
+    monkeypatch.setattr(staging, "STRETCH", 40)
+    monkeypatch.setattr(staging, "READ_ROWS", 16)
+    laid_out, write_samples = list[Samples](), staging._Staged._write
+
+    def noted(self: Any, samples: Samples) -> None:
+        laid_out.append(samples)
+        write_samples(self, samples)
+
+    monkeypatch.setattr(staging._Staged, "_write", noted)
     in_memory, in_files = (load(tables, each, history, update.get("horizon", 1)) for each in (2**40, 0))
     assert isinstance(in_files.train.y, Mapped)
     assert not isinstance(in_memory.train.y, Mapped)
@@ -103,6 +116,7 @@ def test_in_memory_and_in_files_the_same_bytes_are_trained(
     assert in_files.fingerprint == in_memory.fingerprint
     assert in_files.dropped == in_memory.dropped
     assert trained(in_files, binning, **update) == trained(in_memory, binning, **update)
+    assert bool(laid_out) == (not cache)
     in_files.discard()
     assert list((tables / "spools").iterdir()) == []
 

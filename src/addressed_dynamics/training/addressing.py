@@ -17,8 +17,9 @@ from addressed_dynamics.networks.addressing import addressing_scores
 from addressed_dynamics.networks.stacked import CHUNK_ROWS, StackedMLP, in_blocks
 from addressed_dynamics.training.checkpoints import Checkpoint
 from addressed_dynamics.training.clustering import Make, best_members
-from addressed_dynamics.training.epochs import Epoch, Length, batches, row_dtype
+from addressed_dynamics.training.epochs import Epoch, Length, draw_order, row_dtype
 from addressed_dynamics.training.losses import cross_entropy, cross_entropy_of_heads
+from addressed_dynamics.training.staging import gather_from
 from addressed_dynamics.training.update import StackTrainer
 
 Variant = Literal["plain", "cost_sensitive"]
@@ -79,12 +80,19 @@ def train_addressing(
     for epoch in range(len(history) + 1, length.epochs + 1):
         rate, total = trainer.learning_rate, 0.0
         drawn = None if weights is None else resample(weights, generator, make)
-        for batch in batches(one_bin, 1, params.batch_size, generator):
-            rows = batch.rows if drawn is None else drawn[batch.rows].long()
-            x = train.x[rows]
+        order = draw_order(one_bin, 1, generator)
+        needed = order.rows if drawn is None else drawn[order.rows]
+        gather = gather_from(train, needed, params.batch_size)
+        for batch, rows in zip(
+            order.batches(params.batch_size), torch.split(needed, params.batch_size, 1), strict=True
+        ):
+            rows = rows.long()
+            x, y = gather(rows)
             if augment is not None:
-                x, _ = augment(x, train.y[rows], generator)
+                x, _ = augment(x, y, generator)
             total += float(trainer.update(x, best[rows].long(), batch.weight))
+        del gather
+        release(train.x, train.y)
         if not total < float("inf"):
             message = "the loss of the addressing network is not finite: lower addressing.optimiser.learning_rate"
             raise TrainingError(message)

@@ -19,9 +19,10 @@ from addressed_dynamics.networks.ridge import Ridge, fit_ridge, linear_maps
 from addressed_dynamics.networks.stacked import BLOCKS_HELD, CHUNK_ROWS, StackedMLP, in_blocks
 from addressed_dynamics.training.checkpoints import Checkpoint
 from addressed_dynamics.training.clustering import Make, best_members, bins_dtype, draw_bins, small_bins
-from addressed_dynamics.training.epochs import Batch, Epoch, Length, batches, overlapping
+from addressed_dynamics.training.epochs import Batch, Epoch, Length, draw_order, overlapping
 from addressed_dynamics.training.losses import REGRESSION_LOSSES, loss_per_sample, loss_profile, reported_loss
 from addressed_dynamics.training.shares import ALONE, Shares
+from addressed_dynamics.training.staging import Gather, gather_from
 from addressed_dynamics.training.stopping import Stopping
 from addressed_dynamics.training.update import StackTrainer
 
@@ -155,12 +156,18 @@ def train_ensemble(
                 near = _best_of_the_others(profiles, bins)
             del profiles
         rate = trainer.learning_rate
-        passed: Iterable[Batch] = batches(bins, members, params.batch_size, generator)
-        if params.overlap and epoch > params.cluster_epochs:
+        order, updates_now = draw_order(bins, members, generator), length.updates_in(epoch)
+        passed: Iterable[Batch] = order.batches(params.batch_size)
+        overlaps = bool(params.overlap) and epoch > params.cluster_epochs
+        if overlaps:
             passed = overlapping(passed, near, members, params.overlap, generator)
-        passed = islice(passed, length.updates_in(epoch))
+        passed = islice(passed, updates_now)
         horizon = horizon_in(epoch - search, length.epochs - search, params.horizon)
-        member_losses = _train_one_epoch(trainer, train, passed, generator, augment, horizon, shares) * loss_unit
+        known = None if overlaps or horizon > 1 else order.rows[:, : updates_now * params.batch_size]
+        gather = gather_from(train, known, params.batch_size)
+        found = _train_one_epoch(trainer, train, gather, passed, generator, augment, horizon, shares)
+        del gather
+        member_losses = found * loss_unit
         metrics = {"loss/train": float(member_losses.mean()), "learning_rate": rate}
         metrics |= {f"loss_member/{k}": float(loss) for k, loss in enumerate(member_losses)}
         metrics |= specialisation(evaluate_profiles(stack, validation, reported, shares=shares).mul_(loss_unit))
@@ -326,6 +333,7 @@ def _ended(
 def _train_one_epoch(
     trainer: StackTrainer,
     train: Samples,
+    gather: Gather,
     passed: Iterable[Batch],
     generator: torch.Generator,
     augment: Augment | None,
@@ -338,15 +346,16 @@ def _train_one_epoch(
     for batch in passed:
         updates += 1
         if shares.count > 1:
-            total += _update_in_shares(trainer, train, batch, generator, augment, horizon, shares)
+            total += _update_in_shares(trainer, train, gather, batch, generator, augment, horizon, shares)
             continue
         if horizon > 1:
             total += trainer.update_unrolled(_courses(train), batch.rows, batch.weight, horizon)
             continue
-        x, y = train.x[batch.rows], train.y[batch.rows]
+        x, y = gather(batch.rows)
         if augment is not None:
             x, y = augment(x, y, generator)
         total += trainer.update(x, y, batch.weight)
+    release(train.x, train.y)
     if not torch.isfinite(total).all():
         message = "the training loss is not finite any more: lower ensemble.optimiser.learning_rate"
         raise TrainingError(message)
@@ -356,6 +365,7 @@ def _train_one_epoch(
 def _update_in_shares(
     trainer: StackTrainer,
     train: Samples,
+    gather: Gather,
     batch: Batch,
     generator: torch.Generator,
     augment: Augment | None,
@@ -370,7 +380,7 @@ def _update_in_shares(
             batch.rows.shape[1],
             shares,
         )
-    x, y = train.x[batch.rows], train.y[batch.rows]
+    x, y = gather(batch.rows)
     if augment is not None:
         # Of the whole batch, in every process: what is drawn does not depend on who has which part.
         x, y = augment(x, y, generator)

@@ -43,10 +43,33 @@ class Batch:
     """Weight of each sample in its member's loss; they add up to 1 for each member that has samples."""
 
 
-def batches(
-    bins: Shaped[Tensor, " sample"], members: int, batch_size: int, generator: torch.Generator
-) -> Iterator[Batch]:
-    """Yield one pass of every member over its own bin, in random order, in batches.
+@dataclass(frozen=True)
+class Order:
+    """One pass of every member over its own bin, in random order."""
+
+    rows: Int[Tensor, "member position"]
+    """Indices into the samples, as each member takes them."""
+    idle: tuple[int, ...]
+    """Members without samples."""
+    one_short: tuple[int, ...]
+    """Members whose last row is none of their own pass."""
+
+    def batches(self, batch_size: int) -> Iterator[Batch]:
+        """Yield the pass in batches."""
+        members, length = self.rows.shape
+        weight = torch.ones(members, batch_size)
+        weight[[*self.idle]] = 0.0
+        for start in range(0, length, batch_size):
+            part = weight[:, : min(batch_size, length - start)]
+            if self.one_short and start + batch_size >= length:
+                part = part.clone()
+                part[[*self.one_short], -1] = 0.0
+            share = part / part.sum(dim=1, keepdim=True).clamp(min=1.0)
+            yield Batch(self.rows[:, start : start + batch_size].long(), share)
+
+
+def draw_order(bins: Shaped[Tensor, " sample"], members: int, generator: torch.Generator) -> Order:
+    """Draw one pass of every member over its own bin.
 
     All members take ceil(N/n) rows, so that every binning costs the same number of updates. With equal bins that is
     each sample once (a bin that is one short repeats a row at weight 0). A larger bin gives a random part of itself,
@@ -54,25 +77,25 @@ def batches(
     """
     length = math.ceil(len(bins) / members)
     rows = torch.zeros(members, length, dtype=row_dtype(len(bins)))
-    weight = torch.ones(members, batch_size)
-    one_short = list[int]()
+    idle, one_short = list[int](), list[int]()
     for member in range(members):
         own = rows_where(bins, member)
         if not len(own):
-            weight[member] = 0.0
+            idle.append(member)
             continue
         for first in range(0, length, len(own)):
             order = torch.randperm(len(own), generator=generator, dtype=own.dtype)[: length - first]
             torch.index_select(own, 0, order, out=rows[member, first : first + len(own)])
         if len(own) == length - 1:
             one_short.append(member)
-    for start in range(0, length, batch_size):
-        part = weight[:, : min(batch_size, length - start)]
-        if one_short and start + batch_size >= length:
-            part = part.clone()
-            part[one_short, -1] = 0.0
-        share = part / part.sum(dim=1, keepdim=True).clamp(min=1.0)
-        yield Batch(rows[:, start : start + batch_size].long(), share)
+    return Order(rows, tuple(idle), tuple(one_short))
+
+
+def batches(
+    bins: Shaped[Tensor, " sample"], members: int, batch_size: int, generator: torch.Generator
+) -> Iterator[Batch]:
+    """Yield one pass of every member over its own bin, in random order, in batches; see `draw_order`."""
+    yield from draw_order(bins, members, generator).batches(batch_size)
 
 
 def row_dtype(samples: int) -> torch.dtype:
