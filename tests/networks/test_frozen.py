@@ -19,6 +19,9 @@ STACKS = pytest.mark.parametrize(
         (2, "relu", 2, True),
     ],
 )
+BY = pytest.mark.parametrize(
+    ("small", "few"), [(10**9, 16), (0, 0), (0, 16)], ids=["NumPy", "PyTorch", "PyTorch, few outputs"]
+)
 CLOSE = {"rtol": 1e-5, "atol": 1e-6}
 
 
@@ -35,47 +38,43 @@ def inputs(rows: int) -> torch.Tensor:
 
 
 @STACKS
-@pytest.mark.parametrize("rows", [1, 2, 37])
-def test_it_gives_what_the_stack_gives(members: int, activation: str, shared: int, linear: bool, rows: int) -> None:
+@pytest.mark.parametrize("rows", [0, 1, 2, 37])
+@BY
+def test_it_gives_what_the_stack_gives(
+    members: int,
+    activation: Activation,
+    shared: int,
+    linear: bool,
+    rows: int,
+    small: int,
+    few: int,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(frozen, "SMALL", small)
+    monkeypatch.setattr(frozen, "FEW", few)
     stack = made(members, activation, shared, linear)
     found, x = FrozenMLP(stack), inputs(rows)
     member = torch.arange(rows) % members
     coefficients = torch.softmax(torch.randn(rows, members, generator=torch.Generator().manual_seed(2)), dim=1)
     torch.testing.assert_close(found.forward_all(x), stack.forward_all(x), **CLOSE)
-    torch.testing.assert_close(found.forward_routed(x, member), stack.forward_routed(x, member), **CLOSE)
+    routed = found.forward_routed(x.numpy(), member.numpy())
+    np.testing.assert_allclose(routed, stack.forward_routed(x, member).numpy(), **CLOSE)
     torch.testing.assert_close(found.forward_blended(x, coefficients), stack.forward_blended(x, coefficients), **CLOSE)
     assert torch.equal(x, inputs(rows))
 
 
-@STACKS
-def test_one_input_by_numpy_gives_what_a_batch_gives(members: int, activation: str, shared: int, linear: bool) -> None:
-    stack = made(members, activation, shared, linear)
-    found, x = FrozenMLP(stack), inputs(1)
-    for member in range(members):
-        expected = stack.forward_all(x)[member, 0].numpy()
-        np.testing.assert_allclose(found.forward_one(x[0].numpy(), member), expected, **CLOSE)
-    assert torch.equal(x, inputs(1))
-
-
-@pytest.mark.parametrize(("cost", "sorts"), [(0, True), (10**9, False)])
-def test_it_sorts_by_member_only_where_that_is_cheaper(cost: int, sorts: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    stack, x = made(3, "relu", 0, False), inputs(20)
-    monkeypatch.setattr(frozen, "SORTING_COST", cost)
-    found = FrozenMLP(stack)
-    member = torch.arange(20) % 2  # the last member gets nothing
-    called: list[bool] = []
-    whole = found.forward_all
-    monkeypatch.setattr(found, "forward_all", lambda given: (called.append(True), whole(given))[1])
-    torch.testing.assert_close(found.forward_routed(x, member), stack.forward_routed(x, member), **CLOSE)
-    assert bool(called) is not sorts
-
-
+@pytest.mark.parametrize("rows", [1, 30])
 @pytest.mark.parametrize(("members", "outputs", "shared"), [(1, 3, 0), (3, 1, 1)])
-def test_the_scores_of_one_input_are_those_of_a_batch(members: int, outputs: int, shared: int) -> None:
+@BY
+def test_the_scores_are_those_of_the_stack(
+    members: int, outputs: int, shared: int, rows: int, small: int, few: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(frozen, "SMALL", small)
+    monkeypatch.setattr(frozen, "FEW", few)
     generator = torch.Generator().manual_seed(3)
     stack = StackedMLP(members, (5, 8, 8, outputs), "relu", generator, shared=shared).requires_grad_(False)
-    found, x = FrozenMLP(stack), inputs(1)
-    np.testing.assert_allclose(found.scores_of_one(x[0].numpy()), addressing_scores(stack, x)[0].numpy(), **CLOSE)
+    found, x = FrozenMLP(stack), inputs(rows)
+    np.testing.assert_allclose(found.scores(x.numpy()), addressing_scores(stack, x).numpy(), **CLOSE)
 
 
 def test_what_is_made_in_inference_mode_can_be_used_outside_of_it() -> None:

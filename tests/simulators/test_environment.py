@@ -209,13 +209,13 @@ def assert_same(found: Any, expected: Any) -> None:
 def test_copies_share_one_step_of_the_model(monkeypatch: pytest.MonkeyPatch) -> None:
     env = many(learned("car", 3), 50)
     env.reset(seed=0)
-    batches, step = [], AddressedDynamics.step_and_probabilities
+    batches, step = [], AddressedDynamics.step_and_member
 
     def counted(model: AddressedDynamics, observation: torch.Tensor, *rest: Any, **options: Any) -> Any:
         batches.append(len(observation))
         return step(model, observation, *rest, **options)
 
-    monkeypatch.setattr(AddressedDynamics, "step_and_probabilities", counted)
+    monkeypatch.setattr(AddressedDynamics, "step_and_member", counted)
     env.step(np.zeros(50, np.int64))
     assert batches == [50]
 

@@ -6,16 +6,13 @@ from jaxtyping import Float
 from torch import Tensor
 
 from addressed_dynamics.base.errors import ModelError
-from addressed_dynamics.networks.frozen import FrozenMLP
 from addressed_dynamics.networks.stacked import StackedMLP
 
 Use = Literal["argmax", "sample", "mixture", "blend", "phase"]
 """How a step uses networks: by the scores that address them, or by the phase."""
 
 
-def addressing_scores(
-    network: StackedMLP | FrozenMLP, x: Float[Tensor, "sample input"]
-) -> Float[Tensor, "sample member"]:
+def addressing_scores(network: StackedMLP, x: Float[Tensor, "sample input"]) -> Float[Tensor, "sample member"]:
     """Return the score of every member: its probability is the softmax of the scores.
 
     Args:

@@ -7,13 +7,14 @@ from typing import Literal, NamedTuple, cast, overload
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int64
 from torch import Tensor
 
 from addressed_dynamics.base.errors import ModelError
 from addressed_dynamics.episodes.transitions import DiscreteAction
+from addressed_dynamics.features.transitions.frozen import FrozenFeatures
 from addressed_dynamics.features.transitions.spec import FeatureSpec
-from addressed_dynamics.networks.addressing import addressed_members, addressing_scores
+from addressed_dynamics.networks.addressing import addressed_members
 from addressed_dynamics.networks.files import load_network, read_index
 from addressed_dynamics.networks.frozen import FrozenMLP
 from addressed_dynamics.networks.stacked import StackedMLP
@@ -85,7 +86,9 @@ class AddressedDynamics:
         self.mode: Mode = mode
         self.origin = origin
         self._trust = trust
+        self._features = FrozenFeatures(features)
         self._parameters = tuple(each for network in (ensemble, addressing) if network for each in network.parameters())
+        self._seen_as: tuple[FeatureSpec, bool] = (features, True)
         self._frozen: tuple[tuple[int, ...], FrozenMLP, FrozenMLP | None] | None = None
 
     @staticmethod
@@ -155,7 +158,6 @@ class AddressedDynamics:
         exogenous: Values | None = ...,
         generator: torch.Generator | None = ...,
     ) -> np.ndarray: ...
-    @torch.no_grad()
     def predict(
         self,
         observation: Values,
@@ -190,7 +192,7 @@ class AddressedDynamics:
                 exogenous inputs are missing or not asked for.
         """
         given, single = self._batch(observation, action, exogenous)
-        predicted = self._next(_Step(*given), self._mode(mode), generator)
+        predicted = self._next(_Step.of(*given), self._mode(mode), generator)
         return answer(predicted, observation, single=single)
 
     @overload
@@ -279,12 +281,15 @@ class AddressedDynamics:
             each_step = torch.from_numpy(trust.trust(followed.signals))
             parts = (followed.states, low, high, each_step)
             return TrustedRollout(*(answer(each, observation, single=single) for each in parts))
-        states = torch.empty(len(state), steps.shape[1] - history + 1, len(self.features.spaces.observation))
-        for t in range(states.shape[1]):
+        first, acted, beside = state.numpy(), steps.numpy(), replayed.numpy()
+        # The states that were given, and after them those that follow.
+        states = np.empty((len(first), steps.shape[1] + 1, first.shape[-1]), np.float32)
+        states[:, :history] = first.reshape(len(first), history, first.shape[-1])
+        for t in range(steps.shape[1] - history + 1):
             rows = t if history == 1 else slice(t, t + history)
-            states[:, t] = self._next(_Step(state, steps[:, rows], replayed[:, rows]), mode, generator)
-            state = states[:, t] if history == 1 else torch.cat([state[:, 1:], states[:, t : t + 1]], dim=1)
-        return answer(states, observation, single=single)
+            given = _Step(states[:, rows], acted[:, rows], beside[:, rows])
+            states[:, t + history] = self._next(given, mode, generator)
+        return answer(states[:, history:].copy(), observation, single=single)
 
     @torch.no_grad()
     def follow(
@@ -314,7 +319,7 @@ class AddressedDynamics:
             rows = t if history == 1 else slice(t, t + history)
             given = (state, actions[:, rows], exogenous[:, rows])
             # What is no number any more has no input; its trust is 0, and what it predicts is no number either.
-            x = self.features.encode(*given)
+            x = self.encoded(*given)
             states[:, t] = self.step(*given, mode=mode, generator=generator, x=x)
             found = scales(self, *given, states[:, t], x)
             total = total + found.error
@@ -384,11 +389,15 @@ class AddressedDynamics:
             ModelError: as in `predict`, or nobody calibrated the model.
         """
         states = as_tensor(observation).to(torch.float32)
-        given, single = self._batch(states.nan_to_num(nan=0.0, posinf=0.0, neginf=0.0), action, exogenous)
+        finite = np.isfinite(states.numpy())
+        known = finite.all()
+        asked = states if known else states.nan_to_num(nan=0.0, posinf=0.0, neginf=0.0)
+        given, single = self._batch(asked, action, exogenous)
         trust = self.trusted(self.mode)
         _, found = self._expected(trust, *given)
-        known = states.reshape(given[0].shape).isfinite().flatten(start_dim=1).all(dim=1)
-        share = torch.where(known, torch.from_numpy(trust.trust(found.signals)), 0.0)
+        share = trust.trust(found.signals)
+        if not known:
+            share = np.where(finite.reshape(len(given[0]), -1).all(axis=1), share, 0.0)
         return answer(share, observation, single=single)
 
     @overload
@@ -464,7 +473,7 @@ class AddressedDynamics:
     def _expected(
         self, trust: Trust, observation: Tensor, action: Tensor, exogenous: Tensor | None
     ) -> tuple[Tensor, Scales]:
-        x = self.features.encode(observation, action, exogenous)
+        x = self.encoded(observation, action, exogenous)
         predicted = self.step(observation, action, exogenous, x=x)
         return predicted, trust.scales(self, observation, action, exogenous, predicted, x)
 
@@ -514,7 +523,7 @@ class AddressedDynamics:
                 f"but have {tuple(outputs.shape)}"
             )
             raise ModelError(message)
-        return answer(self._decoded(batch, states), output, single=single, axis=-2)
+        return answer(self._decoded(batch.numpy(), states.numpy()), output, single=single, axis=-2)
 
     @overload
     def member_predictions(self, observation: Tensor, action: Values, *, exogenous: Values | None = ...) -> Tensor: ...
@@ -532,7 +541,7 @@ class AddressedDynamics:
             ModelError: as in `predict`.
         """
         given, single = self._batch(observation, action, exogenous)
-        predicted = self._decoded(self.ensemble(self.features.encode(*given)), given[0])
+        predicted = self._decoded(self.ensemble(self.features.encode(*given)).numpy(), given[0].numpy())
         return answer(predicted, observation, single=single, axis=1)
 
     @overload
@@ -630,11 +639,15 @@ class AddressedDynamics:
         return states.unsqueeze(0) if one else states, one
 
     def _decoded(
-        self, output: Float[Tensor, "*member sample output"], states: Float[Tensor, "sample ..."]
-    ) -> Float[Tensor, "*member sample observation"]:
-        return self.features.decode(output, states if self.features.history == 1 else states[:, -1])
+        self, output: Float[np.ndarray, "*member sample output"], observation: Float[np.ndarray, "sample ..."]
+    ) -> Float[np.ndarray, "*member sample observation"]:
+        with np.errstate(over="ignore", invalid="ignore"):
+            return self._features.decode(output, self._last(observation))
 
-    @torch.no_grad()
+    def _last(self, observation: Float[np.ndarray, "sample ..."]) -> Float[np.ndarray, "sample observation"]:
+        """Return the states before a step: of a history, the last."""
+        return observation if self.features.history == 1 else observation[:, -1]
+
     def step(
         self,
         observation: Tensor,
@@ -658,10 +671,9 @@ class AddressedDynamics:
         Raises:
             ModelError: a shape is wrong.
         """
-        given = _Step(observation, action, exogenous, x)
-        return self._next(given, self.mode if mode is None else mode, generator)
+        given = _Step.of(observation, action, exogenous, x)
+        return torch.from_numpy(self._next(given, self.mode if mode is None else mode, generator))
 
-    @torch.no_grad()
     def step_and_probabilities(
         self,
         observation: Tensor,
@@ -677,35 +689,89 @@ class AddressedDynamics:
         Raises:
             ModelError: a shape is wrong.
         """
-        given = _Step(observation, action, exogenous, x)
-        return self._next_and_probabilities(given, self.mode if mode is None else mode, generator)
+        given = _Step.of(observation, action, exogenous, x)
+        after, probabilities = self._weighted(given, self.mode if mode is None else mode, generator)
+        return torch.from_numpy(after), probabilities
 
-    def _next(self, step: _Step, mode: Mode, generator: torch.Generator | None) -> Float[Tensor, "sample observation"]:
-        """Return the next states, by the shortest way: one sample goes through NumPy in the mode `argmax`."""
-        if mode == "argmax" and self._parameters[0].dtype == torch.float32:
-            # A rollout that has left all bounds goes on with what is no number.
-            with np.errstate(over="ignore", invalid="ignore"):
-                if step.x is None:
-                    x = self.features.encode_one(step.observation, step.action, step.exogenous)
-                else:
-                    x = step.x[0].numpy() if len(step.x) == 1 else None
-                if x is not None:
-                    ensemble, addressing = self._networks()
-                    member = 0 if addressing is None else int(addressing.scores_of_one(x).argmax())
-                    output = ensemble.forward_one(x, member)
-                    if self.features.angles:
-                        return self._decoded(torch.from_numpy(output[None]), step.observation)
-                    return torch.from_numpy(self.features.decode_one(output, step.observation.numpy())[None])
-        return self._next_and_probabilities(step, mode, generator)[0]
+    def step_and_member(
+        self,
+        observation: Tensor,
+        action: Tensor,
+        exogenous: Tensor | None,
+        *,
+        x: Float[Tensor, "sample input"] | None = None,
+    ) -> tuple[Float[Tensor, "sample observation"], Int64[Tensor, " sample"]]:
+        """Return the same as `step`, and the member that each state is from, or that is weighted most.
 
-    def _next_and_probabilities(
+        Raises:
+            ModelError: a shape is wrong.
+        """
+        given = _Step.of(observation, action, exogenous, x)
+        if self.mode == "argmax":
+            after, member = self._routed(given)
+            return torch.from_numpy(after), torch.from_numpy(member)
+        after, probabilities = self._weighted(given, self.mode, None)
+        return torch.from_numpy(after), probabilities.argmax(dim=1)
+
+    def _next(
         self, step: _Step, mode: Mode, generator: torch.Generator | None
-    ) -> tuple[Float[Tensor, "sample observation"], Float[Tensor, "sample member"]]:
-        x = self.features.encode(step.observation, step.action, step.exogenous) if step.x is None else step.x
+    ) -> Float[np.ndarray, "sample observation"]:
+        """Return the next states."""
+        if mode == "argmax":
+            return self._routed(step)[0]
+        return self._weighted(step, mode, generator)[0]
+
+    def _routed(self, step: _Step) -> tuple[Float[np.ndarray, "sample observation"], Int64[np.ndarray, " sample"]]:
+        """Return the next states in the mode `argmax`, and the member that each is from."""
         ensemble, addressing = self._networks()
+        # A rollout that has left all bounds goes on with what is no number.
+        with np.errstate(over="ignore", invalid="ignore"):
+            x = self._encoded(step)
+            member = np.zeros(len(x), np.int64) if addressing is None else addressing.scores(x).argmax(axis=1)
+            output = ensemble.forward_routed(x, member)
+            return self._features.decode(output, self._last(step.observation)), member
+
+    @torch.no_grad()
+    def _weighted(
+        self, step: _Step, mode: Mode, generator: torch.Generator | None
+    ) -> tuple[Float[np.ndarray, "sample observation"], Float[Tensor, "sample member"]]:
+        """Return the next states in any mode, and the members' probabilities."""
+        ensemble, addressing = self._networks()
+        x = torch.from_numpy(self._encoded(step))
         probabilities = _probabilities(addressing, x)
         output = _combined(ensemble, x, probabilities, mode, generator)
-        return self._decoded(output, step.observation), probabilities
+        return self._decoded(output.numpy(), step.observation), probabilities
+
+    def sees_as(self, other: AddressedDynamics) -> bool:
+        """Return whether another model is given the same inputs."""
+        # Features have a hundred numbers to compare; a model and its partner are asked at every step.
+        if self._seen_as[0] is not other.features:
+            self._seen_as = other.features, other.features == self.features
+        return self._seen_as[1]
+
+    def encoded(self, observation: Tensor, action: Tensor, exogenous: Tensor | None) -> Float[Tensor, "sample input"]:
+        """Return the same as `features.encode`, sooner.
+
+        Raises:
+            ModelError: a shape is wrong, or a discrete action does not exist.
+        """
+        with np.errstate(over="ignore", invalid="ignore"):
+            return torch.from_numpy(self._encoded(_Step.of(observation, action, exogenous)))
+
+    def _encoded(self, step: _Step) -> Float[np.ndarray, "sample input"]:
+        """Return the inputs of a step.
+
+        Raises:
+            ModelError: a shape is wrong, or a discrete action does not exist.
+        """
+        if step.x is not None:
+            return step.x
+        x = self._features.encode(*step[:3])
+        if x is None:
+            # Says what is wrong.
+            known = None if step.exogenous is None else torch.from_numpy(step.exogenous)
+            x = self.features.encode(torch.from_numpy(step.observation), torch.from_numpy(step.action), known).numpy()
+        return x
 
     def _networks(self) -> tuple[FrozenMLP, FrozenMLP | None]:
         """Return the networks as they are evaluated, made anew if weights have changed."""
@@ -746,19 +812,26 @@ class AddressedDynamics:
 
 
 class _Step(NamedTuple):
-    """What a step of a batch begins with, as tensors that were looked at before."""
+    """What a step of a batch begins with, as arrays that were looked at before."""
 
-    observation: Float[Tensor, "sample ..."]
-    action: Tensor
-    exogenous: Tensor | None
-    x: Float[Tensor, "sample input"] | None = None
+    observation: Float[np.ndarray, "sample ..."]
+    action: np.ndarray
+    exogenous: np.ndarray | None
+    x: Float[np.ndarray, "sample input"] | None = None
     """What `features.encode` makes of them, if that is known."""
+
+    @staticmethod
+    def of(observation: Tensor, action: Tensor, exogenous: Tensor | None, x: Tensor | None = None) -> _Step:
+        """Return the same of tensors, which have no gradients."""
+        known = None if exogenous is None else exogenous.numpy()
+        return _Step(observation.numpy(), action.numpy(), known, None if x is None else x.numpy())
 
 
 def _probabilities(addressing: FrozenMLP | None, x: Float[Tensor, "sample input"]) -> Float[Tensor, "sample member"]:
     if addressing is None:
         return torch.ones(len(x), 1)
-    return torch.softmax(addressing_scores(addressing, x), dim=1)
+    with np.errstate(over="ignore", invalid="ignore"):
+        return torch.softmax(torch.from_numpy(addressing.scores(x.numpy())), dim=1)
 
 
 def _combined(
@@ -771,11 +844,11 @@ def _combined(
 ) -> Float[Tensor, "sample output"]:
     match mode:
         case "argmax":
-            return ensemble.forward_routed(x, probabilities.argmax(dim=1))
+            return _routed(ensemble, x, probabilities.argmax(dim=1))
         case "sample":
             # A rollout that has left all bounds has no probabilities; which member says NaN is all the same.
             drawn = torch.multinomial(probabilities.nan_to_num(nan=1.0), 1, generator=generator)
-            return ensemble.forward_routed(x, drawn.squeeze(1))
+            return _routed(ensemble, x, drawn.squeeze(1))
         case "mixture":
             every = ensemble.forward_all(x) if outputs is None else outputs
             return (probabilities.T.unsqueeze(-1) * every).sum(dim=0)
@@ -783,6 +856,13 @@ def _combined(
             return ensemble.forward_blended(x, probabilities)
         case _:
             raise no_mode(mode, MODES)
+
+
+def _routed(
+    ensemble: FrozenMLP, x: Float[Tensor, "sample input"], member: Int64[Tensor, " sample"]
+) -> Float[Tensor, "sample output"]:
+    with np.errstate(over="ignore", invalid="ignore"):
+        return torch.from_numpy(ensemble.forward_routed(x.numpy(), member.numpy()))
 
 
 def _check_version(folder: Path) -> None:

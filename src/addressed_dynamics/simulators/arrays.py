@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any, TypeAlias
 
@@ -58,9 +57,9 @@ def finite(values: Tensor, what: str) -> Float32[Tensor, ...]:
         ModelError: one is not finite, or too large for float32.
     """
     numbers = values.to(torch.float32)
-    # A sum is not finite if a number is not, and seldom otherwise; it is the quickest to tell.
-    if not math.isfinite(float(numbers.sum())) and not bool((good := numbers.isfinite()).all()):
-        place = tuple(torch.nonzero(~good)[0].tolist())
+    good = np.isfinite(numbers.numpy())
+    if not good.all():
+        place = tuple(np.argwhere(~good)[0].tolist())
         message = (
             f"{what} should be finite and fit float32, but [{', '.join(map(str, place))}] is {float(values[place]):g}; "
             "drop the sample, or fill in what is missing"
@@ -69,7 +68,7 @@ def finite(values: Tensor, what: str) -> Float32[Tensor, ...]:
     return numbers
 
 
-def answer(result: Tensor, values: Values, *, single: bool, axis: int = 0) -> Tensor | np.ndarray:
+def answer(result: Tensor | np.ndarray, values: Values, *, single: bool, axis: int = 0) -> Tensor | np.ndarray:
     """Return a result as what was asked for with `values`: a tensor or an array, of one sample if one was given.
 
     Args:
@@ -78,8 +77,10 @@ def answer(result: Tensor, values: Values, *, single: bool, axis: int = 0) -> Te
         single: whether that was one sample.
         axis: that of samples in `result`.
     """
-    shown = result.select(axis, 0) if single else result
-    return shown if isinstance(values, Tensor) else shown.numpy()
+    array = result.numpy() if isinstance(result, Tensor) else result
+    if single:
+        array = (np.moveaxis(array, axis, 0) if axis else array)[0, ...]
+    return torch.from_numpy(array) if isinstance(values, Tensor) else array
 
 
 def shown_names(names: Sequence[str]) -> str:

@@ -119,29 +119,33 @@ class Copies:
         """
         world, history = self.world, self.world.history
         chosen = checked_actions(world.model.features.spaces, world.action_space, actions, len(rows))
-        if self.ended[rows].any():
-            message = f"copy {rows[self.ended[rows]][0]} has not started, or its episode has ended; reset it first"
+        at = in_place(rows, len(self.ended))
+        if self.ended[at].any():
+            message = f"copy {rows[self.ended[at]][0]} has not started, or its episode has ended; reset it first"
             raise ModelError(message)
-        frames = self._frames[rows]
-        acted = np.concatenate([self._actions[rows], chosen[:, None]], axis=1)
-        known = np.concatenate([self._exogenous[rows], self._now(rows)[:, None]], axis=1)
+        frames = self._frames[at]
+        acted = np.concatenate([self._actions[at], chosen[:, None]], axis=1)
+        known = np.concatenate([self._exogenous[at], self._now(rows)[:, None]], axis=1)
         given = (frames, acted, known) if history > 1 else (frames[:, 0], acted[:, 0], known[:, 0])
         predicted, network, trust = self._predicted(*given, rows)
         last = frames[:, -1]
-        sound = np.isfinite(predicted).all(axis=1)
-        after = np.where(sound[:, None], predicted, last)
+        sound = _of_all(np.isfinite(predicted))
+        unclipped = predicted if sound.all() else np.where(sound[:, None], predicted, last)
         bounds = world.observation_space
-        after, unclipped = np.clip(after, bounds.low, bounds.high), after
+        after = np.clip(unclipped, bounds.low, bounds.high)
         reward, terminated = reward_and_end(world.task, last, chosen, after, known[:, -1])
-        self._frames[rows] = np.concatenate([frames[:, 1:], after[:, None]], axis=1)
-        self._actions[rows], self._exogenous[rows] = acted[:, 1:], known[:, 1:]
-        self.steps[rows] += 1
-        self._row[rows] += 1
-        stopped = self._stopped(rows, sound, trust)
-        truncated = (stopped != "") | (self.steps[rows] >= self._limit)
-        self.ended[rows] = terminated | truncated
+        self._frames[at] = np.concatenate([frames[:, 1:], after[:, None]], axis=1)
+        self._actions[at], self._exogenous[at] = acted[:, 1:], known[:, 1:]
+        self.steps[at] += 1
+        self._row[at] += 1
+        stops = self._stops(rows, sound, trust)
+        truncated = np.logical_or.reduce([self.steps[at] >= self._limit, *stops.values()])
+        self.ended[at] = terminated | truncated
+        stopped = np.full(len(rows), "", object)
+        for reason, stop in stops.items():
+            stopped[stop] = reason
         info = {"network": network, **({} if trust is None else {"trust": trust})}
-        info |= {"clipped": (after != unclipped).any(axis=1), "stopped_by": stopped}
+        info |= {"clipped": ~_of_all(after == unclipped), "stopped_by": stopped}
         said_by = zip(("reward_source", "end_source"), sources(world.task), strict=True)
         info |= {name: np.full(len(rows), source, object) for name, source in said_by}
         return Stepped(after, reward, terminated, truncated, info)
@@ -153,15 +157,14 @@ class Copies:
         model, precise = self.world.model, self.world.precise
         frames, acted = torch.from_numpy(state), torch.from_numpy(action)
         known = torch.from_numpy(exogenous) if exogenous.shape[-1] else None
-        x = model.features.encode(frames, acted, known)
+        x = model.encoded(frames, acted, known)
         stepping, inputs = (model, x) if precise is None else (precise, x.double())
         if model.mode == "sample":
             member = self._drawn(stepping.probabilities_of(inputs), rows)
             output = stepping.ensemble.forward_routed(inputs, member)
             after = model.features.decode(output, frames if frames.ndim == 2 else frames[:, -1])
         else:
-            after, probabilities = stepping.step_and_probabilities(frames, acted, known, x=inputs)
-            member = probabilities.argmax(dim=1)
+            after, member = stepping.step_and_member(frames, acted, known, x=inputs)
         after = after.to(torch.float32)
         trust = self.world.trust
         if trust is None:
@@ -192,17 +195,27 @@ class Copies:
         recorded: Float32[np.ndarray, "chosen exogenous"] = self._table[self._row[rows] + frame]
         return recorded
 
-    def _stopped(
+    def _stops(
         self, rows: Int64[np.ndarray, " chosen"], sound: Bool[np.ndarray, " chosen"], trust: np.ndarray | None
-    ) -> np.ndarray:
-        """Return what keeps the model from going on, in a word; empty if nothing does."""
-        stopped = np.full(len(rows), "", object)
+    ) -> dict[str, Bool[np.ndarray, " chosen"]]:
+        """Return which copies the model cannot go on with, by why in a word; the last one is the one to tell."""
+        stops = dict[str, Bool[np.ndarray, " chosen"]]()
         if self._exogenous.shape[2] and self.world.exogenous is None:
-            stopped[self._row[rows] >= self._stop[rows]] = "exogenous"
+            stops["exogenous"] = self._row[rows] >= self._stop[rows]
         if self.world.least_trust is not None and trust is not None:
-            stopped[trust < self.world.least_trust] = "trust"
-        stopped[~sound] = "not_finite"
-        return stopped
+            stops["trust"] = trust < self.world.least_trust
+        return {**stops, "not_finite": ~sound}
+
+
+def _of_all(values: Bool[np.ndarray, "copy dimension"]) -> Bool[np.ndarray, " copy"]:
+    """Return where all dimensions are true: by columns, for NumPy is slow to reduce short rows."""
+    found: Bool[np.ndarray, " copy"] = np.logical_and.reduce(list(values.T))
+    return found
+
+
+def in_place(rows: Int64[np.ndarray, " chosen"], number: int) -> Int64[np.ndarray, " chosen"] | slice:
+    """Return what selects rows, each once and in order, of so many: if they are all, a slice, which copies nothing."""
+    return slice(None) if len(rows) == number else rows
 
 
 def all_rows(number: int) -> Int64[np.ndarray, " copy"]:

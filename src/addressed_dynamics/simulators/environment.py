@@ -32,7 +32,7 @@ from jaxtyping import Bool, Float32, Float64, Int64
 
 from addressed_dynamics.base.errors import ModelError
 from addressed_dynamics.simulators.addressed import AddressedDynamics
-from addressed_dynamics.simulators.copies import Copies, Info, all_rows, reset_seeds
+from addressed_dynamics.simulators.copies import Copies, Info, all_rows, in_place, reset_seeds
 from addressed_dynamics.simulators.given import given_starts
 from addressed_dynamics.simulators.holding import held_step
 from addressed_dynamics.simulators.motion import MotionModel
@@ -207,10 +207,10 @@ class LearnedEnvironments(VectorEnv[States, Any, np.ndarray]):
         reward, ends = np.zeros(self.num_envs), np.zeros((2, self.num_envs), bool)
         infos: dict[str, Any] = {}
         if len(rows):
-            stepped = held_step(self._copies, taken[rows], rows, self.world.hold)
-            observation, reward[rows], ends[0, rows], ends[1, rows], info = stepped
-            self._observation[rows] = observation
-            done = ends[:, rows].any(axis=0)
+            at = in_place(rows, self.num_envs)
+            stepped = held_step(self._copies, taken[at], rows, self.world.hold)
+            self._observation[at], reward[at], ends[0, at], ends[1, at], info = stepped
+            done = ends[0, at] | ends[1, at]
             if self.autoreset_mode is AutoresetMode.SAME_STEP and done.any():
                 anew = rows[done]
                 self._tell_last(infos, {name: values[done] for name, values in info.items()}, anew)

@@ -29,6 +29,7 @@ from addressed_dynamics.base.errors import ModelError
 from addressed_dynamics.base.files import atomic_path, write_json
 from addressed_dynamics.features.transitions.spec import FeatureSpec
 from addressed_dynamics.networks.files import SavedNetwork, load_network, read_index, save_network
+from addressed_dynamics.networks.frozen import FrozenLayer
 from addressed_dynamics.networks.stacked import StackedMLP
 
 if TYPE_CHECKING:
@@ -43,6 +44,10 @@ TAIL = 0.05
 """Beyond the values that this share of the validation points exceed, p-values fall exponentially."""
 ROUNDING = 1e-6
 """Share of its squared length by which a squared distance may be off."""
+KEPT = 64
+"""Coverages and lengths of rollouts whose intervals are kept ready."""
+_TINY = np.finfo(np.float32).tiny
+_AT_TAIL = -float(np.log(TAIL))
 BLOCK_ROWS = 4096
 """Inputs that are compared with all centres at once."""
 
@@ -109,12 +114,21 @@ class Reference:
     def _tail(self) -> float:
         return float(np.interp(1.0 - TAIL, self._levels, self.quantiles))
 
+    @cached_property
+    def _negated(self) -> Float64[np.ndarray, " quantile"]:
+        return -self.quantiles[::-1]
+
+    @cached_property
+    def _excess(self) -> float:
+        # Values that are all the same have no tail; what is beyond them is as unlikely as can be told.
+        return max(self.excess, 1e-9 * max(abs(self._tail), 1e-9))
+
     def share_above(self, values: Float64[np.ndarray, "*batch"]) -> Float64[np.ndarray, "*batch"]:
         """Return the share of validation points with a larger value: 1 below all of them, 0 above.
 
         Of points with the same value half count as larger, so that the mean over the validation points is 1/2.
         """
-        least = np.interp(-values, -self.quantiles[::-1], self._levels)
+        least = np.interp(-values, self._negated, self._levels)
         most = 1.0 - np.interp(values, self.quantiles, self._levels)
         share: Float64[np.ndarray, "*batch"] = (least + most) / 2.0
         return share
@@ -125,11 +139,10 @@ class Reference:
         Beyond the quantile 1 - `TAIL` the share is that of an exponential tail with the same mean excess, so that what
         is beyond all validation points still has an order.
         """
-        start = self._tail
-        inner = -np.log(np.clip(self.share_above(values), TAIL, 1.0)) + 0.0
-        # Values that are all the same have no tail; what is beyond them is as unlikely as can be told.
-        step = np.maximum(values - start, 0.0) / max(self.excess, 1e-9 * max(abs(start), 1e-9))
-        found: Float64[np.ndarray, "*batch"] = np.where(values > start, -np.log(TAIL) + step, inner)
+        inner = -np.log(np.maximum(self.share_above(values), TAIL)) + 0.0
+        beyond = values - self._tail
+        step = np.maximum(beyond, 0.0) / self._excess
+        found: Float64[np.ndarray, "*batch"] = np.where(beyond > 0.0, _AT_TAIL + step, inner)
         return found
 
 
@@ -165,49 +178,57 @@ class Gauge:
             difference: what a second model predicts otherwise, in the environment's units.
         """
         given, apart = x.numpy(), difference.numpy()
-        finite = np.isfinite(given).all(axis=1) & np.isfinite(apart).all(axis=1)
-        if not finite.all():
-            given, apart = (np.where(finite[:, None], each, np.float32(0.0)) for each in (given, apart))
-        own = self._arrays
-        apart = np.abs(apart) * own["per_scale"]
-        logarithms, distances = self._looked_up(torch.from_numpy(given))
-        size = np.exp(own["of_errors"] * logarithms + own["of_difference"] * np.log(apart + own["floor"]))
-        farther = np.maximum((distances / own["limits"]).max(axis=0), np.float32(1.0))
+        blocks = [slice(start, start + BLOCK_ROWS) for start in range(0, len(given), BLOCK_ROWS)] or [slice(0)]
         # Inputs whose squares float32 cannot hold are as far off as those that are no numbers.
         with np.errstate(over="ignore", invalid="ignore"):
-            error = size * own["constant"] * farther[:, None]
-        finite &= np.isfinite(distances).all(axis=0) & np.isfinite(error).all(axis=1)
-        spread = np.sqrt(np.square(apart, dtype=np.float64).mean(axis=1) + 1e-24)
-        signals = np.log(np.concatenate([spread[None], distances + 1e-12]))
-        if not finite.all():
-            error[~finite], signals[:, ~finite] = np.inf, np.inf
+            parts = [self._of_block(given[rows], apart[rows]) for rows in blocks]
+        if len(parts) == 1:
+            error, signals = parts[0]
+        else:
+            error, signals = (np.concatenate(each, axis=axis) for axis, each in enumerate(zip(*parts, strict=True)))
         return Scales(torch.from_numpy(error), signals)
 
+    def _of_block(
+        self, x: Float32[np.ndarray, "sample input"], difference: Float32[np.ndarray, "sample observation"]
+    ) -> tuple[Float32[np.ndarray, "sample observation"], Float64[np.ndarray, "signal sample"]]:
+        """Return the expected sizes of errors, and the signals; of few inputs at once."""
+        own = self._arrays
+        apart = np.abs(difference) * own["per_scale"]
+        logarithms, distances = self._looked_up(x)
+        size = np.exp(own["of_errors"] * logarithms + own["of_difference"] * np.log(apart + own["floor"]))
+        farther = np.maximum((distances / own["limits"]).max(axis=0), np.float32(1.0))
+        error: Float32[np.ndarray, "sample observation"] = size * own["constant"] * farther[:, None]
+        spread = np.sqrt(np.square(apart, dtype=np.float64).mean(axis=1) + 1e-24)
+        signals: Float64[np.ndarray, "signal sample"] = np.log(np.concatenate([spread[None], distances + 1e-12]))
+        # Where an input is not finite, no distance is; where what differs is not, the spread is not.
+        known = np.isfinite(signals).all(axis=0) & np.isfinite(error).all(axis=1)
+        if not known.all():
+            error[~known], signals[:, ~known] = np.inf, np.inf
+        return error, signals
+
     def _looked_up(
-        self, x: Float[Tensor, "sample input"]
+        self, x: Float32[np.ndarray, "sample input"]
     ) -> tuple[Float32[np.ndarray, "sample observation"], Float32[np.ndarray, "distance sample"]]:
         """Return the logarithms that the network of errors says, and the distances to the training inputs.
 
         The first layer, the whitening and the products with the centres are one product of matrices.
         """
         width, inputs = self.errors.widths[1], x.shape[1]
-        logarithms, nearest, unlike = [], [], []
-        for rows in torch.split(x, BLOCK_ROWS) or (x,):
-            first = torch.addmm(self._first[1], rows, self._first[0])
-            hidden = first[:, :width].tanh()
-            for weight, bias in self._later[:-1]:
-                hidden = torch.addmm(bias, hidden, weight).tanh()
-            weight, bias = self._later[-1]
-            logarithms.append(torch.addmm(bias, hidden, weight).numpy())
-            length = rows.square().sum(dim=1)
-            squares = first[:, width + inputs :].amin(dim=1) + length
-            # What is nearer is rounding, which is another one in a batch of another size.
-            nearest.append(torch.maximum(squares, ROUNDING * (length + inputs)).div(inputs).sqrt().numpy())
-            unlike.append(first[:, width : width + inputs].square().mean(dim=1).sqrt().numpy())
-        return np.concatenate(logarithms), np.stack([np.concatenate(nearest), np.concatenate(unlike)])
+        first = self._first(x)
+        hidden = np.tanh(first[:, :width])
+        *inner, last = self._later
+        for layer in inner:
+            hidden = layer(hidden, "tanh")
+        length = np.einsum("ij,ij->i", x, x)
+        squares = first[:, width + inputs :].min(axis=1) + length
+        # What is nearer is rounding, which is another one in a batch of another size.
+        nearest = np.maximum(squares, np.float32(ROUNDING) * (length + np.float32(inputs)))
+        whitened = first[:, width : width + inputs]
+        unlike = np.einsum("ij,ij->i", whitened, whitened)
+        return last(hidden), np.sqrt(np.stack([nearest, unlike]) / np.float32(inputs))
 
     @cached_property
-    def _first(self) -> tuple[Float[Tensor, "input column"], Float[Tensor, " column"]]:
+    def _first(self) -> FrozenLayer:
         """Standardise inputs and multiply them with the first layer, the whitening and the centres."""
         known = self.tensors
         mean, deviation = known["mean"].double(), known["deviation"].double().unsqueeze(1)
@@ -218,13 +239,13 @@ class Gauge:
         shift[: self.errors.widths[1]] += self.errors.biases[0][0, 0].detach().double()
         centres = known["centres"].double()
         columns = torch.cat([columns, -2 * centres.T], dim=1)
-        return columns.float(), torch.cat([shift, centres.square().sum(dim=1)]).float()
+        return FrozenLayer.of(columns.float(), torch.cat([shift, centres.square().sum(dim=1)]).float())
 
     @cached_property
-    def _later(self) -> list[tuple[Tensor, Tensor]]:
-        """Weights and biases of the layers after the first."""
+    def _later(self) -> list[FrozenLayer]:
+        """The layers after the first."""
         layers = list(zip(self.errors.weights, self.errors.biases, strict=True))[1:]
-        return [(weight[0].detach(), bias[0, 0].detach()) for weight, bias in layers]
+        return [FrozenLayer.of(weight[0].detach(), bias[0, 0].detach()) for weight, bias in layers]
 
     @cached_property
     def _arrays(self) -> dict[str, Float32[np.ndarray, " ..."]]:
@@ -279,7 +300,19 @@ class Trust:
         Raises:
             ModelError: they are not.
         """
-        self._level(coverage)
+        if not isinstance(coverage, Real):
+            message = f"coverage is a share between 0 and 1, for instance 0.9, but is {coverage!r}"
+            raise ModelError(message)
+        if not 0.0 < coverage < 1.0:
+            message = f"coverage is a share between 0 and 1, for instance 0.9, but is {coverage:g}"
+            raise ModelError(message)
+        low, high = self.coverages[0], self.coverages[-1]
+        if not low <= coverage <= high:
+            message = (
+                f"{self.episodes} validation episodes calibrate coverages from {low:g} to {high:g}, but {coverage:g} "
+                "was asked for"
+            )
+            raise ModelError(message)
 
     def trust(self, signals: Float64[np.ndarray, "signal ..."]) -> Float64[np.ndarray, "*batch"]:
         """Return the share of validation points whose signals were more unlikely together; 0 where one is infinite."""
@@ -301,16 +334,36 @@ class Trust:
         Raises:
             ModelError: there is no such coverage.
         """
-        level = self._level(coverage)
+        multiples = self._multiples(coverage, scale.shape[1])
+        # Where nothing can be off, a scale of 0 times infinity would be no number.
+        with np.errstate(over="ignore", invalid="ignore"):
+            return torch.from_numpy(np.maximum(scale.numpy(), _TINY) * multiples)
+
+    @cached_property
+    def _multiples_of(self) -> dict[tuple[float, int], Float32[np.ndarray, "step observation"]]:
+        return {}
+
+    def _multiples(self, coverage: float, number: int) -> Float32[np.ndarray, "step observation"]:
+        """Return half of an interval in multiples of the expected size, for so many first steps; kept for the next.
+
+        Raises:
+            ModelError: there is no such coverage.
+        """
+        self.check_coverage(coverage)
+        if (coverage, number) in self._multiples_of:
+            return self._multiples_of[coverage, number]
+        level = float(np.interp(coverage, self.coverages, np.arange(len(self.coverages))))
         below = min(int(level), len(self.coverages) - 2)
         part = float(level - below)
         at_steps = (1 - part) * self.multiples[:, below] + part * self.multiples[:, below + 1]
-        steps = np.arange(1, scale.shape[1] + 1)
+        steps = np.arange(1, number + 1)
         logs = np.log(self.steps)
         by_step = np.stack([np.interp(np.log(steps), logs, column) for column in at_steps.T], axis=1)
         by_step[steps > self.steps[-1]] = np.inf
-        # Where nothing can be off, a scale of 0 times infinity would be no number.
-        return scale.clamp(min=torch.finfo(torch.float32).tiny) * torch.from_numpy(by_step).to(torch.float32)
+        if len(self._multiples_of) > KEPT:
+            self._multiples_of.clear()
+        self._multiples_of[coverage, number] = found = by_step.astype(np.float32)
+        return found
 
     def ends(
         self,
@@ -328,31 +381,19 @@ class Trust:
         Raises:
             ModelError: there is no such coverage.
         """
-        half = self.half(scale, coverage)
-        known = states.isfinite()
-        return (states - half).where(known, -torch.inf), (states + half).where(known, torch.inf)
+        half, middle = self.half(scale, coverage).numpy(), states.numpy()
+        with np.errstate(over="ignore", invalid="ignore"):
+            low, high = middle - half, middle + half
+        unknown = ~np.isfinite(middle)
+        if unknown.any():
+            low[unknown], high[unknown] = -np.inf, np.inf
+        return torch.from_numpy(low), torch.from_numpy(high)
 
     def surprises(
         self, error: Float[Tensor, "sample observation"], expected: Float[Tensor, "sample observation"]
     ) -> Float64[np.ndarray, " sample"]:
         """Return minus the logarithm of the share of validation points with an error as large for its expected size."""
         return self.surprise.unlikely(beyond_expectation(error, expected))
-
-    def _level(self, coverage: float) -> float:
-        if not isinstance(coverage, Real):
-            message = f"coverage is a share between 0 and 1, for instance 0.9, but is {coverage!r}"
-            raise ModelError(message)
-        if not 0.0 < coverage < 1.0:
-            message = f"coverage is a share between 0 and 1, for instance 0.9, but is {coverage:g}"
-            raise ModelError(message)
-        low, high = self.coverages[0], self.coverages[-1]
-        if not low <= coverage <= high:
-            message = (
-                f"{self.episodes} validation episodes calibrate coverages from {low:g} to {high:g}, but {coverage:g} "
-                "was asked for"
-            )
-            raise ModelError(message)
-        return float(np.interp(coverage, self.coverages, np.arange(len(self.coverages))))
 
 
 def together(
@@ -390,7 +431,7 @@ def difference(
         predicted: what the first model predicts.
         x: its inputs.
     """
-    inputs = x if partner.features == model.features else None
+    inputs = x if model.sees_as(partner) else None
     return predicted - partner.step(observation, action, exogenous, x=inputs)
 
 

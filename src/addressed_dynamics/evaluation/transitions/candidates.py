@@ -277,4 +277,4 @@ def predictor_of(model: AddressedDynamics, mode: Mode, generator: torch.Generato
 
 
 def _decoded(model: AddressedDynamics, points: Points, point: Tensor, output: Tensor) -> Tensor:
-    return model.features.decode(output, torch.from_numpy(points.observation)[point])
+    return model.decode(output, points.inputs(point)[0])

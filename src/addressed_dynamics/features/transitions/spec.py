@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 import numpy as np
 import torch
-from jaxtyping import Float, Float32, Float64
+from jaxtyping import Float, Float64
 from torch import Tensor
 
 from addressed_dynamics.base.errors import ModelError, TransitionsError
@@ -161,45 +161,6 @@ class FeatureSpec:
         """
         self.check_observation(observation)
         return self.join(self.frames(observation, action, exogenous))
-
-    def encode_one(
-        self, observation: Tensor, action: Tensor, exogenous: Tensor | None
-    ) -> Float32[np.ndarray, " input"] | None:
-        """Return what `encode` does, of a batch of one sample; by NumPy, whose calls cost less.
-
-        None where they are not one sample, or none that `encode` takes.
-        """
-        spaces, of = self.spaces, self._arrays
-        frames = (1,) if self.history == 1 else (1, self.history)
-        if observation.shape != (*frames, len(spaces.observation)):
-            return None
-        parts = [(observation.numpy() - of["state_mean"]) / of["state_deviation"]]
-        if isinstance(spaces.action, DiscreteAction):
-            if action.shape != frames or action.is_floating_point():
-                return None
-            chosen = action.reshape(-1).tolist()
-            if min(chosen) < 0 or max(chosen) >= spaces.action.count:
-                return None
-            parts.append(of["actions"][chosen].reshape(*frames, -1))
-        else:
-            if action.shape != (*frames, len(spaces.action.dimensions)):
-                return None
-            parts.append((action.to(torch.float32).numpy() - of["action_mean"]) / of["action_deviation"])
-        if spaces.exogenous:
-            if exogenous is None or exogenous.shape != (*frames, len(spaces.exogenous)):
-                return None
-            parts.append((exogenous.numpy() - of["exogenous_mean"]) / of["exogenous_deviation"])
-        elif exogenous is not None and exogenous.shape[-1]:
-            return None
-        x = np.concatenate(parts, axis=-1)
-        return (x if self.history == 1 else x * of["frame_weights"]).reshape(-1)
-
-    def decode_one(
-        self, output: Float32[np.ndarray, " output"], observation: Float32[np.ndarray, "*frame observation"]
-    ) -> Float32[np.ndarray, " observation"]:
-        """Return what `decode` does, of one sample of a state without angles."""
-        target: Float32[np.ndarray, " observation"] = output * self._arrays["unit"] + self._arrays["middle"]
-        return target if self.target == "absolute" else target + observation.reshape(-1, len(target))[-1]
 
     def check_observation(self, observation: Tensor) -> None:
         """Check that states have the shape that `encode` asks for.
@@ -466,11 +427,6 @@ class FeatureSpec:
                 unit=self.target_deviation * scale,
                 middle=torch.tensor(self.target_mean) * scale,
             )
-
-    @cached_property
-    def _arrays(self) -> dict[str, Float32[np.ndarray, " ..."]]:
-        arrays = {name: value.numpy() for name, value in vars(self.constants).items()}
-        return {**arrays, "frame_weights": self.frame_weights.numpy()}
 
     def _turned(
         self, angle: Angle, columns: dict[int, Tensor], before: Float[Tensor, "sample observation"]
