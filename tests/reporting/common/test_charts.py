@@ -105,7 +105,7 @@ def test_a_chart_keeps_the_first_and_the_last_place_and_not_too_many(length: int
 
 def test_the_values_of_a_chart_stand_in_a_table_for_who_cannot_see_it() -> None:
     table = value_table(CHART)
-    assert [column.header for column in table.columns] == ["s", "1.00", "2.00", "3.00", "5.00", "6.00"]
+    assert [column.header for column in table.columns] == ["s", "1", "2", "3", "5", "6"]
     assert table.rows[0].cells == ("ours", "1.0", "0.10", "1.0\u202f×\u202f10⁻²", "1.0\u202f×\u202f10⁻⁴",
                                    "1.0\u202f×\u202f10⁻⁵")  # fmt: skip
     assert [row.cells[0] for row in table.rows] == ["ours", "</script>"]
@@ -113,6 +113,22 @@ def test_the_values_of_a_chart_stand_in_a_table_for_who_cannot_see_it() -> None:
     assert value_table(RANGES).rows[0].cells == ("a", "1.0", "2.0", "3.0")
     markdown = render_markdown(Report("Title", "sub", "It works.", None, (Section("Open", (CHART,)),)))
     assert "| ours | 1.0 | 0.10 |" in markdown
+
+
+def test_a_line_that_ends_early_has_values_in_the_table_and_one_without_any_no_row() -> None:
+    places = tuple(0.5 * step for step in range(1, 101))
+    lines = (
+        Line("whole", OWN, places),
+        Line("brief", OWN, (*places[:9], *[None] * 91)),
+        Line("none", OWN, (None,) * 100),
+    )
+    table = value_table(Chart("c", "", "", "s", (View((), "error", places, lines),)))
+    assert [column.header for column in table.columns[1:]] == ["0.500", "2.50", "4.50", "13.0", "25.5", "37.5", "50.0"]
+    assert [row.cells[0] for row in table.rows] == ["whole", "brief"]
+    assert table.rows[1].cells[1:] == ("0.50", "2.5", "4.5", "–", "–", "–", "–")
+    small = View((), "loss", (2e-18, 1e-3), (Line("a", OWN, (1.0, 2.0)),))
+    heads = [column.header for column in value_table(Chart("c", "", "", "s", (small,))).columns]
+    assert heads == ["s", "2.0\u202f×\u202f10⁻¹⁸", "0.00100"]
 
 
 def test_no_colour_means_both_a_model_and_a_network_of_the_ensemble() -> None:

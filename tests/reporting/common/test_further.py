@@ -17,15 +17,20 @@ def test_each_is_a_table_under_what_its_author_says(tmp_path: Path) -> None:
         Row("depth_of_it", "own", "left", "mean", 1234.0, "m", "How deep."),
         Row("depth_of_it", "own", "right", "mean", 2.0, "m", "How deep."),
         Row("width", "own", "", "share", 3.0, "", "How wide."),
+        Row("width", "wide", "", "share", -4.71e-9, "", "How wide."),
+        Row("explained", "own", "left", "share", -4.71e-9, "%", "How much."),
     ]
     write_rows_of_measures(tmp_path / MEASURES, rows)
-    depth, width = further_measures(tmp_path)
+    depth, width, explained = further_measures(tmp_path, {"own": "the ensemble"})
     assert isinstance(depth, Table)
-    assert depth.caption == "depth of it: How deep."
+    assert depth.caption == "Depth of it: How deep."
     assert depth.columns == (Column("Model", numeric=False), Column("left", "mean, m"), Column("right", "mean, m"))
-    assert [row.cells for row in depth.rows] == [("wide", "0.250", "–"), ("own", "1,234", "2.00")]
+    assert [row.cells for row in depth.rows] == [("wide", "0.250", "–"), ("the ensemble", "1,234", "2.00")]
     assert isinstance(width, Table)
     assert width.columns[1:] == (Column("share"),)
+    assert [row.cells for row in width.rows] == [("the ensemble", "3.00"), ("wide", "-4.71\u202f×\u202f10⁻⁹")]
+    assert isinstance(explained, Table)
+    assert [row.cells for row in explained.rows] == [("the ensemble", "0")]
 
 
 def test_what_has_a_section_of_its_own_is_not_shown_again(tmp_path: Path) -> None:

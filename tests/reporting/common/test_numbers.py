@@ -34,7 +34,7 @@ def test_a_share_reads_as_none_or_all_only_if_it_is(share: float) -> None:
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        (percent(0.0), "0.0\u202f%"),
+        (percent(0.0), "0\u202f%"),
         (percent(1.0), "100.0\u202f%"),
         (percent(0.9999), "> 99.9\u202f%"),
         (scientific(2.225e-5, 4), "2.225\u202f×\u202f10⁻⁵"),

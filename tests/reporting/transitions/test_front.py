@@ -115,9 +115,10 @@ def test_intervals_that_were_measured_against_the_horizon_are_drawn_as_they_are(
     assert made is not None
     assert made.chart is not None
     everything, position, _ = made.chart.views
-    assert everything.lines[0].values == (None, 2.0, 3.0)
-    assert [line.values for line in everything.lines if line.name == INTERVAL] == [(None, 0.5, 1.5)]
-    assert [line.values for line in position.lines if line.name == INTERVAL] == [(None, 0.25, 0.25)]
+    assert everything.places == pytest.approx([10 * SECONDS, 20 * SECONDS])  # and not where nothing was measured
+    assert everything.lines[0].values == (2.0, 3.0)
+    assert [line.values for line in everything.lines if line.name == INTERVAL] == [(0.5, 1.5)]
+    assert [line.values for line in position.lines if line.name == INTERVAL] == [(0.25, 0.25)]
 
 
 @pytest.mark.parametrize("paper", [False, True])

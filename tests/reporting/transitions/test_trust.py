@@ -116,7 +116,7 @@ def test_scores_that_nobody_measured_are_named_and_have_no_column() -> None:
     assert [column.header for column in table.columns[3:]] == ["trust", "surprise", "spread of seeds"]
     assert table.rows[0].cells == ("fast", "other starts", "100.0\u202f%", "0.970", "0.990", "0.800")
     assert table.rows[2].cells == ("steep slope", "changed mechanics", "–", "0.600", "0.700", "–")
-    assert table.rows[3].cells[2:] == ("0.0\u202f%", "–", "–", "–")
+    assert table.rows[3].cells[2:] == ("0\u202f%", "–", "–", "–")
     assert table.caption.endswith("Not measured: distance, Mahalanobis and margin.")
     other = record(shifts={"fast": {"kind": "starts", "auroc": {"entropy": 0.5, "trust": 0.7}}}).shifts
     assert [column.header for column in shifts_table(other).columns[3:]] == ["trust", "entropy"]

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from addressed_dynamics.reporting.common.blocks import Chart, Column, Line, Row, Table, View
-from addressed_dynamics.reporting.common.numbers import MISSING, scientific, significant
+from addressed_dynamics.reporting.common.numbers import MISSING, count, scientific, significant
 
 DIGITS = 4
 """Significant digits that a chart keeps of a number."""
@@ -18,6 +18,8 @@ MOST_PLACES = 120
 """Places along a chart's axis: more could not be told apart."""
 MOST_SHOWN = 3
 """Lines that a chart shows at first."""
+_PLAIN = 1e-3
+"""A place along an axis is a power of ten if it is smaller."""
 _TOLD = 5
 """Places of which the table of a chart has the values."""
 
@@ -92,16 +94,38 @@ def value_table(chart: Chart) -> Table:
             for line in view.lines
         ]
         return Table(caption, ends, tuple(rows))
-    told = _told(view.places)
-    columns = (Column(chart.label, numeric=False), *(Column(significant(view.places[each])) for each in told))
-    rows = [Row((line.name, *(_cell(line.values[each]) for each in told))) for line in view.lines if line.shown]
-    return Table(caption, columns, tuple(rows))
+    lines = [line for line in view.lines if line.shown and _known(line)]
+    told = _told(len(view.places), [_known(line) for line in lines])
+    heads = _heads([view.places[each] for each in told])
+    rows = [Row((line.name, *(_cell(line.values[each]) for each in told))) for line in lines]
+    return Table(caption, (Column(chart.label, numeric=False), *map(Column, heads)), tuple(rows))
 
 
-def _told(places: Sequence[float]) -> list[int]:
-    if len(places) <= _TOLD:
-        return list(range(len(places)))
-    return sorted({round(each) for each in np.linspace(0, len(places) - 1, _TOLD).tolist()})
+def _known(line: Line) -> list[int]:
+    """Return at which places a line has a value."""
+    return [place for place, value in enumerate(line.values) if value is not None]
+
+
+def _told(places: int, known: Sequence[list[int]]) -> list[int]:
+    """Return the places that a table tells of: some of all, and some of a line that would have next to none there."""
+    if places <= _TOLD:
+        return list(range(places))
+    told = set(_spread(range(places), _TOLD))
+    for own in known:
+        if len(told & set(own)) < 2:
+            told |= set(_spread(own, 3))
+    return sorted(told)
+
+
+def _spread(places: Sequence[int], number: int) -> list[int]:
+    """Return so many of these places, from the first to the last."""
+    return [places[round(each)] for each in np.linspace(0, len(places) - 1, number).tolist()]
+
+
+def _heads(places: Sequence[float]) -> list[str]:
+    if all(float(place).is_integer() for place in places):
+        return [count(place) for place in places]
+    return [significant(place) if place == 0 or abs(place) >= _PLAIN else scientific(place) for place in places]
 
 
 def _cell(value: float | None) -> str:

@@ -6,7 +6,7 @@ left out of the report.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -63,6 +63,8 @@ class Account:
     """What was found of the method, which is folded away."""
     seeds: tuple[Block, ...] = ()
     """The section on the spread over seeds."""
+    titles: Mapping[str, str] = field(default_factory=dict)
+    """What the candidates of the evaluation are called, by their names."""
     words: Words = OF_ANY
     """What samples and losses are called."""
     sources: tuple[str, ...] = (CITATION,)
@@ -77,7 +79,7 @@ def write_account(
     Raises:
         EvaluationError: the table of measures is missing or damaged.
     """
-    report = build_report(account, trainings, origin, further_measures(subject.evaluation))
+    report = build_report(account, trainings, origin, further_measures(subject.evaluation, account.titles))
     write_report(report, target)
     return report
 

@@ -46,9 +46,11 @@ def millionths(value: float | None) -> str:
 
 
 def percent(share: float | None, digits: int = 1) -> str:
-    """Return a share in per cent; never rounded to 100% or 0% if it is not."""
+    """Return a share in per cent; never rounded to 100% or 0% if it is not, and without decimals if it is 0."""
     if share is None:
         return MISSING
+    if share == 0:
+        return "0\u202f%"
     text = f"{100 * share:.{digits}f}"
     if 0 < share < 1 and float(text) in {0.0, 100.0}:
         step = 10.0**-digits

@@ -48,6 +48,7 @@ def motion_account(results: MotionResults, origin: Origin[MotionFeatureParams], 
     return Account(
         subtitle=subtitle(made_up=made_up),
         verdict=verdict(evaluation, targets, made_up=made_up),
+        titles={name: each.label for name, each in evaluation.candidates.items()},
         front=motion_front(
             evaluation,
             origin.experiment,

@@ -78,7 +78,8 @@ def account(results: TransitionResults, origin: Origin[FeatureSpec], paper: Pape
         paper=paper is not None,
         model=model_words(features),
         seed=evaluation.delivered.seed,
-        data=(*_data_blocks(results, origin.experiment), *quality_blocks(results.data)),
+        titles={name: each.label for name, each in evaluation.candidates.items()},
+        data=(*_data_blocks(results, origin.experiment, features.history), *quality_blocks(results.data)),
         found=found,
         method=method,
         seeds=_seed_blocks(results, origin),
@@ -129,7 +130,7 @@ def _recipe(origin: Origin[FeatureSpec]) -> Recipe:
     return Recipe(features=origin.features.params, ensemble=origin.ensemble, addressing=origin.addressing)
 
 
-def _data_blocks(results: TransitionResults, experiment: str) -> tuple[Block, ...]:
+def _data_blocks(results: TransitionResults, experiment: str, history: int) -> tuple[Block, ...]:
     data = results.data
     coverage, per_dimension = data.coverage, data.coverage.per_dimension
     cells = listed([f"{percent(share, 0)} of {name}" for name, share in per_dimension.items()])
@@ -155,7 +156,7 @@ def _data_blocks(results: TransitionResults, experiment: str) -> tuple[Block, ..
         figure = Text((missing_words("The returns of the agent are", "convert", experiment),))
     return (
         Text((" ".join(sentences), *warnings, *repeated_words(results.evaluation.repeats))),
-        tables.segment_table(data),
+        tables.segment_table(data, results.evaluation.test.transitions, history),
         *([tables.exogenous_table(data)] if data.exogenous else []),
         *([figure] if figure else []),
     )

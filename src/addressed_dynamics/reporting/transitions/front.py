@@ -166,7 +166,9 @@ def error_chart(results: TransitionResults, shown: Beside, features: FeatureSpec
     steps = horizon[names[0]]["horizon"]
     kept = places_of(steps)
     widths = _half_widths(horizon[names[0]], evaluation.chosen, scale)
-    places = sorted({int(steps[place]) for place in kept} | {each.steps for each in evaluation.chosen.errors_after})
+    known = {*steps.astype(int).tolist(), *(step for width in widths.values() for step in width)}
+    moments = {each.steps for each in evaluation.chosen.errors_after} & known
+    places = sorted({int(steps[place]) for place in kept} | moments)
     several = _rollouts(evaluation.chosen) >= FEWEST_ROLLOUTS
 
     def lines(dimension: Dimension | None) -> tuple[Line, ...]:

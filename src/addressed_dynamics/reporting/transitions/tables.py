@@ -241,8 +241,14 @@ def seed_table(evaluation: Evaluation, delivered: Mapping[str, str]) -> Table:
     )
 
 
-def segment_table(data: DataResult) -> Table:
-    """Return what was recorded; how many episodes ended inside the task, if an agent learned to end them."""
+def segment_table(data: DataResult, judged: int, history: int) -> Table:
+    """Return what was recorded; how many episodes ended inside the task, if an agent learned to end them.
+
+    Args:
+        data: what was converted.
+        judged: test transitions that models were judged on.
+        history: frames that a model is given; the first transitions of an episode have fewer.
+    """
     learned = any(segment.behaviour == "dqn" for segment in data.segments.values())
     columns = [
         Column("Segment", numeric=False),
@@ -255,13 +261,13 @@ def segment_table(data: DataResult) -> Table:
         [f"{each.episodes:,} ({each.transitions:,} transitions) for {name}" for name, each in data.splits.items()]
     )
     kept_whole = "Blocks and the episodes without any" if data.blocks and data.blocks.blocks else "Episodes"
-    caption = f"What was recorded. {kept_whole} are kept whole when the data is split: {splits}."
+    caption = f"What was recorded. {kept_whole} are kept whole when the data is split: {splits}"
+    caption += f", {judged:,} of them with the {history} frames that a model is given." if history > 1 else "."
     if learned:
         columns.append(Column("ended inside the task, at most the last 100"))
         for row, segment in zip(rows, data.segments.values(), strict=True):
             row.append(percent(segment.terminated_share_last_100, 0))
         caption += (
-            " An episode ends inside the task where its environment says so (terminated), as at a goal or after a "
-            "fall; the share is 0 by design where an environment never does."
+            " Inside the task an episode ends where its environment says so (terminated), as at a goal; some never do."
         )
     return Table(caption, tuple(columns), tuple(Row(tuple(row)) for row in rows))

@@ -18,8 +18,13 @@ FRAME_SECONDS = 0.08
 """Time between two pictures, about: a whole number of steps comes nearest to it."""
 SIDE, GAP = 396, 28
 """Width of the picture of one state, and what lies between the two, in pixels."""
-HEAD, FOOT = 30, 8
+HEAD, FOOT = 36, 8
 """Height of what is written above the pictures, and of what stays free below, in pixels."""
+
+NAME_SIZE, NOTE_SIZE = 20, 17
+"""Sizes of what is written, in pixels: a telephone shows a film at less than half of them."""
+BASELINE = -22
+"""Where the line above the pictures stands, in pixels."""
 
 _TRUTH, _MODEL = FORE, OWN
 _PALETTE = Palette((INK, FORE, BACK, SOFT, OWN, ACTION, REACHED))
@@ -73,9 +78,9 @@ def _ground(scene: Scene, title: str) -> Image.Image:
     canvas = ImageDraw.Draw(ground)
     head = Brush(canvas, (0, 0))
     for left, words, colour in ((0, "truth", _TRUTH), (SIDE + GAP, "model", _MODEL)):
-        head.text((left + 2, -17), words, colour, 14, bold=True)
+        head.text((left + 2, BASELINE), words, colour, NAME_SIZE, bold=True)
         scene.draw_ground(_side(scene, canvas, left))
-    head.text((58, -17), title, INK, 12)
+    head.text((78, BASELINE), title, INK, NOTE_SIZE)
     return ground
 
 
@@ -97,8 +102,8 @@ def _frame(
         scene.draw_action(left, true, direction)
         scene.draw_action(right, predicted, direction)
     head = Brush(canvas, (0, 0))
-    head.text((SIDE - 2, -17), f"{seconds:.2f} s", INK, 12, anchor="rs")
-    head.text((2 * SIDE + GAP - 2, -17), scene.error(true, predicted), INK, 12, anchor="rs")
+    head.text((SIDE - 2, BASELINE), f"{seconds:.2f} s", INK, NOTE_SIZE, anchor="rs")
+    head.text((2 * SIDE + GAP - 2, BASELINE), scene.error(true, predicted), INK, NOTE_SIZE, anchor="rs")
     return _PALETTE.reduced(picture)
 
 

@@ -11,7 +11,7 @@ from PIL import Image, ImageDraw
 from addressed_dynamics.episodes.layout import FRAME_RATE
 from addressed_dynamics.reporting.common.animation.brush import OVERSAMPLING, Brush
 from addressed_dynamics.reporting.common.animation.camera import Camera
-from addressed_dynamics.reporting.common.animation.film import GAP, HEAD
+from addressed_dynamics.reporting.common.animation.film import BASELINE, GAP, HEAD, NAME_SIZE, NOTE_SIZE
 from addressed_dynamics.reporting.common.animation.gif import Palette, gif_panel
 from addressed_dynamics.reporting.common.blocks import Panel
 from addressed_dynamics.reporting.common.figures.style import INK
@@ -22,7 +22,7 @@ SECONDS = 10.0
 """Longest time that is shown; it passes as fast as it did."""
 STRIDE = 5
 """Frames from one picture to the next."""
-SIDE, HEIGHT, FOOT = 340, 264, 26
+SIDE, HEIGHT, FOOT = 340, 264, 30
 """Size of the picture of one person, and height of what is written below, in pixels."""
 
 _PALETTE = Palette((INK, *BODIES, ASKED, TOUCHED), flat=SHADES)
@@ -92,15 +92,15 @@ def _picture(
     for index, (actor, side, speed) in enumerate(zip(actors, sides, speeds, strict=True)):
         left = index * (SIDE + GAP)
         picture.paste(side, (OVERSAMPLING * left, OVERSAMPLING * HEAD))
-        brush.text((left + 2, -17), actor.title, BODIES[index], 14, bold=True)
-        brush.text((left + SIDE - 2, -17), f"{speed:.1f} m/s", INK, 12, anchor="rs")
+        brush.text((left + 2, BASELINE), actor.title, BODIES[index], NAME_SIZE, bold=True)
+        brush.text((left + SIDE - 2, BASELINE), f"{speed:.1f} m/s", INK, NOTE_SIZE, anchor="rs")
     below = -(HEAD + HEIGHT + FOOT - 9)
-    brush.text((2, below), f"{seconds:.1f} s", INK, 12)
-    brush.text((58, below), title, INK, 12)
+    brush.text((2, below), f"{seconds:.1f} s", INK, NOTE_SIZE)
+    brush.text((78, below), title, INK, NOTE_SIZE)
     if command is not None:
         asked = float(np.hypot(*command)) * FRAME_RATE / 100
         words = f"asked to go at {asked:.1f} m/s" if asked > 0.05 else "asked to stand"
-        brush.text((width - 2, below), words, ASKED, 12, anchor="rs")
+        brush.text((width - 2, below), words, ASKED, NOTE_SIZE, anchor="rs")
     return picture
 
 
