@@ -14,7 +14,8 @@ from PIL import Image, ImageChops
 from report_examples import example_arrays
 
 from addressed_dynamics.episodes.transitions import DiscreteAction, SpaceSpec
-from addressed_dynamics.reporting.common.animation.film import GAP, HEAD, SIDE, film
+from addressed_dynamics.reporting.common.animation import brush
+from addressed_dynamics.reporting.common.animation.film import GAP, HEAD, NAME_SIZE, NOTE_SIZE, SIDE, film
 from addressed_dynamics.reporting.common.animation.scenes import Scene
 from addressed_dynamics.reporting.common.blocks import Panel
 from addressed_dynamics.reporting.transitions.animation.acrobot import ACROBOT
@@ -63,6 +64,14 @@ def test_a_film_is_a_gif_of_its_size_that_repeats_and_moves(scene: Scene) -> Non
     with Image.open(io.BytesIO(panel.content)) as file:
         assert file.format == "GIF"
         assert file.info["loop"] == 0
+
+
+@pytest.mark.parametrize(("scene", "far"), [(MOUNTAIN_CAR, [-1.2, 0.07]), (ACROBOT, [-1.0, 0.0, -1.0, 0.0])])
+def test_what_is_written_over_a_film_has_room_beside_its_name(scene: Scene, far: list[float]) -> None:
+    name = brush._font(NAME_SIZE, True).getlength("model")
+    near = np.array([0.6, -0.07] if scene is MOUNTAIN_CAR else [1.0, 0.0, 1.0, 0.0])
+    assert name + brush._font(NOTE_SIZE, False).getlength(scene.error(near, np.array(far))) < SIDE - 8
+    assert NOTE_SIZE * 360 / (2 * SIDE + GAP) > 7, "pixels on a telephone"
 
 
 @pytest.mark.parametrize(("step_seconds", "steps", "count"), [(0.02, 12, 4), (1 / 30, 20, 11), (0.2, 3, 4)])

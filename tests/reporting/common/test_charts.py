@@ -23,6 +23,7 @@ from addressed_dynamics.reporting.common.blocks import (
     Row,
     Section,
     Table,
+    Text,
     View,
 )
 from addressed_dynamics.reporting.common.charts import (
@@ -211,14 +212,15 @@ MOMENTS = Table(
 @needs_browser
 def test_wide_tables_fit_a_printed_page_and_the_first_screen_a_telephone(tmp_path: Path) -> None:
     front = Front(answers={}, load="", sentences=(), errors=MOMENTS, film=None, chart=None)
-    report = Report("Tables", "", "", front, (Section("All", (MANY,)),))
+    folded = Section("More", (Text(("What is folded.",)),), folded=True)
+    report = Report("Tables", "", "", front, (Section("All", (MANY,)), folded))
     (tmp_path / "page.html").write_text(render_html(report), encoding="utf-8")
     right = (
         "Math.max(...[...document.querySelectorAll('{0} table, {0} td > span')]"
         ".map(each => each.getBoundingClientRect().right))"
     )
 
-    async def look() -> tuple[float, int, float]:
+    async def look() -> tuple[float, int, float, str]:
         async with browser() as chromium, chromium.page() as page:
             await page.open((tmp_path / "page.html").as_uri(), width=400)
             await page.until("document.readyState == 'complete'")
@@ -227,9 +229,11 @@ def test_wide_tables_fit_a_printed_page_and_the_first_screen_a_telephone(tmp_pat
             await page.open((tmp_path / "page.html").as_uri(), width=741)
             await page.until("document.readyState == 'complete'")
             await page.call("Emulation.setEmulatedMedia", media="print")
-            return narrow, seen, await page.value(right.format("#all"))
+            after = await page.value("getComputedStyle(document.querySelector('summary')).breakAfter")
+            return narrow, seen, await page.value(right.format("#all")), after
 
-    narrow, moments, printed = asyncio.run(look())
+    narrow, moments, printed, after = asyncio.run(look())
+    assert after == "avoid", "no page ends with the heading of a fold"
     assert narrow <= 400
     assert moments == 2
     assert printed <= 741

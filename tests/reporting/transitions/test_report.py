@@ -20,6 +20,7 @@ from addressed_dynamics.reporting.transitions.paper import PAPER
 from addressed_dynamics.reporting.transitions.quality import quality_blocks
 from addressed_dynamics.reporting.transitions.recorded import DataResult
 from addressed_dynamics.reporting.transitions.results import load_results
+from addressed_dynamics.reporting.transitions.tables import segment_table
 
 CAR_PAPER = PAPER["mountaincar"]
 PENDULUM = SpaceSpec(
@@ -444,3 +445,11 @@ def test_where_no_episode_was_long_enough_for_blocks_the_report_says_so(tmp_path
     text = data_section(tmp_path, {"blocks": none})
     assert "No episode was long enough to be cut in blocks in time." in text
     assert "What was recorded. Episodes are kept whole" in text
+
+
+def test_test_transitions_without_all_frames_are_counted() -> None:
+    data = DataResult.model_validate(DATA)
+    recorded = data.splits["test"].transitions
+    words = f"({recorded:,} transitions) for test, {recorded - 90:,} of them with the 6 frames that a model is given."
+    assert words in segment_table(data, recorded - 90, 6).caption
+    assert "frames" not in segment_table(data, recorded, 1).caption
