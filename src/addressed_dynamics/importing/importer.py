@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import importlib.metadata
 import shutil
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import nullcontext
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -20,7 +20,14 @@ from addressed_dynamics.base.cluster import engine
 from addressed_dynamics.base.errors import AddressedDynamicsError, LogError
 from addressed_dynamics.base.failures import Failure
 from addressed_dynamics.base.files import atomic_path, remove_partial, write_json
-from addressed_dynamics.base.params.source import LerobotSource, McapSource, MinariSource, SourceParams
+from addressed_dynamics.base.params.source import (
+    EpisodePerFile,
+    LerobotSource,
+    McapSource,
+    MinariSource,
+    SourceParams,
+    TableSource,
+)
 from addressed_dynamics.base.processes import OrderedMap, worker_processes
 from addressed_dynamics.episodes.transitions import Transitions
 from addressed_dynamics.importing.agreement import Agreement
@@ -35,6 +42,7 @@ from addressed_dynamics.importing.samples import (
     transition_blocks,
 )
 from addressed_dynamics.importing.signals import Signals, signals_of
+from addressed_dynamics.importing.stores import COPIES, Remote, copied, find_remote, is_url, said
 from addressed_dynamics.importing.units import Unit, read_unit, units_of
 from addressed_dynamics.logs import RunInfo, write_log
 
@@ -59,6 +67,8 @@ class _Job:
     run: RunInfo
     folder: Path
     """Where the logs go."""
+    remote: tuple[Remote, ...] = ()
+    """Objects in stores to copy before, and to remove after: those of the unit that nobody has copied yet."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +79,8 @@ class _Imported:
     counts: dict[str, int]
     details: dict[str, Any]
     lost: LostSteps
+    copied: dict[str, dict[str, Any]]
+    """What stores say of the objects that it was copied from, by their URLs."""
 
 
 @dataclass(frozen=True)
@@ -106,6 +118,17 @@ def import_logs(
             episode in them.
         TableError: the same of a table; or float32 swallows most steps of a dimension.
     """
+    try:
+        _import_all(source, folder, name, progress, cores)
+    except AddressedDynamicsError as error:
+        if said(str(error), folder) == str(error):
+            raise
+        raise type(error)(said(str(error), folder)) from error
+    finally:
+        shutil.rmtree(folder / COPIES, ignore_errors=True)
+
+
+def _import_all(source: SourceParams, folder: Path, name: str, progress: Callable[[int], object], cores: int) -> None:
     signals = wanted_signals(source)
     precision = Precision(signals)
     run = RunInfo(
@@ -114,16 +137,25 @@ def import_logs(
         behaviour=source.kind,
         versions={"addressed-dynamics": importlib.metadata.version("addressed-dynamics")},
     )
-    units = units_of(source, signals)
-    jobs = [_Job(source, unit, number, run, folder) for number, unit in enumerate(units)]
-    processes = _processes(source, units, cores)
-    together = len(units) > 1 and (processes > 1 or engine() is not None)
+    remote = {each.copy: each for each in _remote(source, folder)}
     counts: dict[str, dict[str, int]] = {}
     details: dict[str, dict[str, Any]] = {}
-    with worker_processes(processes) if together else nullcontext() as ordered_map:
+    with ExitStack() as stack:
+        one_by_one = _one_by_one(source)
+        copies = {} if one_by_one else stack.enter_context(copied([*remote.values()]))
+        units = units_of(source, signals, remote)
+        wanted = [tuple(remote[file] for file in unit if one_by_one and file in remote) for unit in units]
+        jobs = [
+            _Job(source, unit, number, run, folder, each)
+            for number, (unit, each) in enumerate(zip(units, wanted, strict=True))
+        ]
+        processes = _processes(source, units, remote, cores)
+        together = len(units) > 1 and (processes > 1 or engine() is not None)
+        ordered_map = stack.enter_context(worker_processes(processes)) if together else None
         for each in _in_order(jobs, ordered_map, progress):
             lost = precision.add(each.lost, each.origin)
             counts[each.origin], details[each.origin] = each.counts, each.details
+            copies |= each.copied
             if lost:
                 counts[each.origin]["swallowed"] = sum(lost.values())
                 details[each.origin]["swallowed"] = lost
@@ -134,7 +166,8 @@ def import_logs(
         message = _no_episodes(source, _rate_hz(source, signals), totals, details)
         raise LogError(message)
     precision.refuse_swallowed()
-    write_json(folder / ACCOUNT, {**_settings(source, signals), "totals": totals, "files": counts, "details": details})
+    account = {"totals": totals, "files": counts, "details": details} | ({"copied": copies} if copies else {})
+    write_json(folder / ACCOUNT, _settings(source, signals) | said(account, folder))
 
 
 def wanted_signals(source: SourceParams) -> Signals:
@@ -147,8 +180,20 @@ def wanted_signals(source: SourceParams) -> Signals:
     return signals_of(source, read_info(source).fps if isinstance(source, LerobotSource) else None)
 
 
-def _processes(source: SourceParams, units: Sequence[Unit], cores: int) -> int:
-    size = sum(file.stat().st_size for unit in units for file in unit if file.exists())
+def _one_by_one(source: SourceParams) -> bool:
+    """Whether no file is looked at before it is read: no episode goes on in the next one, and no time orders them."""
+    ordered = isinstance(source, TableSource) and source.clock is not None and source.clock.column is not None
+    return isinstance(getattr(source, "episode", None), EpisodePerFile) and not ordered
+
+
+def _remote(source: SourceParams, folder: Path) -> list[Remote]:
+    patterns = source.files if isinstance(source, McapSource | TableSource) else ()
+    return [each for pattern in patterns if is_url(pattern) for each in find_remote(pattern, folder)]
+
+
+def _processes(source: SourceParams, units: Sequence[Unit], remote: Mapping[Path, Remote], cores: int) -> int:
+    files = [file for unit in units for file in unit]
+    size = sum(remote[file].size if file in remote else file.stat().st_size for file in files)
     worthwhile = size // (WORKER_BYTES if isinstance(source, McapSource) else WORKER_TABLE_BYTES)
     return max(1, min(cores, len(units), worthwhile))
 
@@ -195,6 +240,13 @@ def _place(job: _Job) -> Path:
 
 
 def _import(job: _Job, agreement: Agreement, progress: Callable[[int], object]) -> Iterator[_Imported]:
+    with copied(job.remote) as copies:
+        yield from _import_unit(job, agreement, progress, copies)
+
+
+def _import_unit(
+    job: _Job, agreement: Agreement, progress: Callable[[int], object], copies: dict[str, dict[str, Any]]
+) -> Iterator[_Imported]:
     signals = wanted_signals(job.source)
     for number, (origin, recorded) in enumerate(read_unit(job.source, job.unit, signals, agreement), job.first):
         episodes = find_episodes(recorded, job.source.min_length)
@@ -206,7 +258,7 @@ def _import(job: _Job, agreement: Agreement, progress: Callable[[int], object]) 
             write_log(log, _reported(transitions, progress), run=job.run, topic=f"/{SEGMENT}")
         counts = recorded.counts | _counts(episodes, sum(outside.values()))
         details = recorded.details | {"out_of_range": outside, "log": log.name if episodes.slices else None}
-        yield _Imported(origin, counts, details, lost)
+        yield _Imported(origin, counts, details, lost, copies)
 
 
 def _reported(blocks: Iterable[Transitions], progress: Callable[[int], object]) -> Iterator[Transitions]:

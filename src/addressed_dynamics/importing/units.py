@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 
 from addressed_dynamics.base.errors import LogError, ParamsError
@@ -24,6 +24,7 @@ from addressed_dynamics.importing.recordings import Recording, recordings
 from addressed_dynamics.importing.ros_bags import bag_files, is_bag, whole_bags
 from addressed_dynamics.importing.samples import Recorded, with_ends, without_offsets
 from addressed_dynamics.importing.signals import Signals
+from addressed_dynamics.importing.stores import is_url
 from addressed_dynamics.importing.tables import in_order, natural_order, read_tables
 
 Unit = tuple[Path, ...]
@@ -31,8 +32,13 @@ Unit = tuple[Path, ...]
 which knows its files."""
 
 
-def units_of(source: SourceParams, signals: Signals) -> list[Unit]:
+def units_of(source: SourceParams, signals: Signals, copies: Collection[Path] = ()) -> list[Unit]:
     """Return what a source is made of, in the order in which it is imported.
+
+    Args:
+        source: the section of the params.
+        signals: what is imported.
+        copies: where the files of object stores are, or will be while they are read, if any are.
 
     Raises:
         ParamsError: `source` has a malformed path, or says something of a topic that no field is of.
@@ -42,11 +48,11 @@ def units_of(source: SourceParams, signals: Signals) -> list[Unit]:
     match source:
         case McapSource():
             _check_topics(source, {parse_path(signal.field).topic for signal in signals.all})
-            return _recordings(source)
+            return _recordings(source, copies)
         case TableSource(episode=EpisodePerFile()):
-            return [(file,) for file in in_order(_files(source.files), source)]
+            return [(file,) for file in in_order(_files(source.files, copies), source)]
         case TableSource():
-            return [tuple(_files(source.files))]
+            return [tuple(_files(source.files, copies))]
         case _:
             return [()]
 
@@ -102,8 +108,8 @@ def _check_topics(source: McapSource, used: set[str]) -> None:
         raise ParamsError(message)
 
 
-def _recordings(source: McapSource) -> list[Recording]:
-    found = whole_bags(_files(source.files, or_if=is_bag))
+def _recordings(source: McapSource, copies: Collection[Path]) -> list[Recording]:
+    found = whole_bags(_files(source.files, copies, or_if=is_bag))
     whole = [bag_files(path) if is_bag(path) else (path,) for path in found]
     match source.episode:
         case EpisodePerFile():
@@ -114,9 +120,16 @@ def _recordings(source: McapSource) -> list[Recording]:
             return recordings(whole, round(source.tolerance_s * 1e9))
 
 
-def _files(patterns: tuple[str, ...], or_if: Callable[[Path], bool] = Path.is_file) -> list[Path]:
-    found: set[Path] = set()
+def _files(
+    patterns: tuple[str, ...], copies: Collection[Path], or_if: Callable[[Path], bool] = Path.is_file
+) -> list[Path]:
+    found: set[Path] = set(copies)
     for pattern in patterns:
+        if is_url(pattern):
+            if not copies:
+                message = f"'{pattern}' is in an object store, which only an import reads; name files of this machine"
+                raise LogError(message)
+            continue
         root = Path(Path(pattern).anchor)
         matches = {file for file in root.glob(str(Path(pattern).relative_to(root))) if file.is_file() or or_if(file)}
         if not matches:

@@ -1,0 +1,180 @@
+"""Files in object stores, named by URL: found, and copied to this machine while they are read.
+
+Any store that [fsspec](https://filesystem-spec.readthedocs.io) knows: `s3://` with the package s3fs, `gs://` with
+gcsfs, `abfs://` with adlfs. Who may read is said where that package looks for it, for S3 in the environment or
+`~/.aws`: never in a URL, which stands in params and in what an import says of itself.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any, TypeVar
+
+from addressed_dynamics.base.errors import LogError, ParamsError
+from addressed_dynamics.base.files import atomic_path
+
+COPIES = ".copies.partial"
+"""Folder of the copies among the logs that an import writes, while it lasts."""
+MOST_AT_ONCE = 8
+"""Objects that a process copies at the same time: to ask for one takes longer than to send a small one."""
+VERSIONS = ("ETag", "etag", "md5Hash", "content_md5", "md5", "version_id", "mtime", "LastModified", "created")
+"""What stores say of an object that changes with its contents; the first that one says counts."""
+
+Answer = TypeVar("Answer")
+_URL = re.compile(r"(?P<scheme>[A-Za-z][A-Za-z0-9+.-]*)://(?P<place>.*)", re.DOTALL)
+
+
+@dataclass(frozen=True)
+class Remote:
+    """An object in a store, and where its copy goes."""
+
+    url: str
+    copy: Path
+    size: int
+    """Bytes, as far as the store says it."""
+
+
+def is_url(pattern: str) -> bool:
+    """Whether a pattern is of files in a store."""
+    return _URL.fullmatch(pattern) is not None
+
+
+def find_remote(pattern: str, folder: Path) -> list[Remote]:
+    """Return the objects in a store that match a pattern; their copies go to a folder.
+
+    Raises:
+        ParamsError: the URL has a password in it, or several in one.
+        LogError: the store cannot be asked, refuses, or has no such object.
+    """
+    scheme, place = _parts(pattern)
+    found = _ask(pattern, lambda store: store.glob(place, detail=True))
+    remote = []
+    for name, about in sorted(found.items()):
+        if about.get("type") == "directory":
+            continue
+        path = PurePosixPath(str(name).lstrip("/"))
+        if ".." in path.parts:
+            message = f"{pattern}: an object there is called '{name}', which is no path; give it another name"
+            raise LogError(message)
+        remote.append(Remote(f"{scheme}://{path}", folder / COPIES / scheme / path, int(about.get("size") or 0)))
+    if not remote:
+        message = f"no object matches '{pattern}'; correct the 'files' of the source"
+        raise LogError(message)
+    return remote
+
+
+@contextmanager
+def copied(remote: Sequence[Remote]) -> Iterator[dict[str, dict[str, Any]]]:
+    """Have copies of objects meanwhile; yield what the store says of each, by its URL.
+
+    Raises:
+        LogError: as in `copy`.
+    """
+    try:
+        with ThreadPoolExecutor(MOST_AT_ONCE) as pool:  # it starts no thread without work
+            about = list(pool.map(copy, remote))
+        yield {each.url: found for each, found in zip(remote, about, strict=True)}
+    finally:
+        for each in remote:
+            each.copy.unlink(missing_ok=True)
+
+
+def copy(remote: Remote) -> dict[str, Any]:
+    """Copy an object; return its `bytes`, and its `version` if the store says one.
+
+    Raises:
+        LogError: the store cannot be asked or refuses, the object has gone or changes meanwhile, or the disk is full.
+    """
+    _, place = _parts(remote.url)
+    about = _ask(remote.url, lambda store: _info(store, place))
+    with atomic_path(remote.copy) as temporary:
+        _ask(remote.url, lambda store: store.get_file(place, str(temporary)))
+        size = temporary.stat().st_size
+        after = _ask(remote.url, lambda store: _info(store, place))
+        version = _version(about)
+        if size != about.get("size", size) or _version(after) != version:
+            message = f"{remote.url}: the object changed while it was copied ({size} bytes); import again"
+            raise LogError(message)
+    return {"bytes": size} | ({} if version is None else {"version": version})
+
+
+def said(value: Any, folder: Path) -> Any:
+    """Return texts, and whatever holds some, with the URLs of objects in place of the paths of their copies."""
+    if isinstance(value, str):
+        return re.sub(rf"{re.escape((folder / COPIES).as_posix())}/([^/]+)/", r"\1://", value)
+    if isinstance(value, dict):
+        return {said(key, folder): said(each, folder) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [said(each, folder) for each in value]
+    return value
+
+
+def _parts(url: str) -> tuple[str, str]:
+    """Return scheme and place; nothing secret is in what is said of a URL that has a password."""
+    found = _URL.fullmatch(url)
+    assert found is not None
+    scheme, place = found["scheme"].lower(), found["place"]
+    user, at, _ = place.partition("/")[0].rpartition("@")
+    if at and ":" in user:
+        message = f"source.files: a URL of '{scheme}' has a password in it; take it out, and say it in the environment"
+        raise ParamsError(message)
+    if "::" in url or "://" in place or (scheme in ("http", "https") and "?" in place):
+        shown = url.partition("?")[0]
+        message = f"source.files: '{shown}' should be the URL of files in one store, without a query"
+        raise ParamsError(message)
+    return scheme, place
+
+
+def _ask(url: str, question: Callable[[Any], Answer]) -> Answer:
+    """Ask the store of a URL.
+
+    Raises:
+        LogError: it does not answer what is asked. Only what we know to be harmless of its own words is repeated: some
+            errors hold a request with its signature.
+    """
+    import fsspec
+
+    scheme = _parts(url)[0]
+    if scheme not in fsspec.available_protocols():
+        message = f"{url}: fsspec knows no store of the kind '{scheme}'; correct the 'files' of the source"
+        raise LogError(message)
+    try:
+        return question(fsspec.filesystem(scheme))
+    except ImportError as error:
+        message = f"{url}: to read from '{scheme}', install what fsspec needs for it ({_plain(error)})"
+        raise LogError(message) from error
+    except FileNotFoundError as error:
+        message = f"{url}: there is no such object; correct the 'files' of the source"
+        raise LogError(message) from error
+    except PermissionError as error:
+        message = f"{url}: the store refuses access; say who may read where it looks for that, outside of the project"
+        raise LogError(message) from error
+    except OSError as error:
+        reason = error.strerror or type(error).__name__
+        message = (
+            f"{url}: the object cannot be copied ({reason}); see that the store can be reached and the disk has room"
+        )
+        raise LogError(message) from error
+    except Exception as error:  # every store has errors of its own
+        message = f"{url}: the store cannot be asked ({type(error).__name__}); see its address and who may read there"
+        raise LogError(message) from error
+
+
+def _info(store: Any, place: str) -> dict[str, Any]:
+    store.invalidate_cache()  # what it said when it was listed may be of another version
+    about: dict[str, Any] = store.info(place)
+    return about
+
+
+def _plain(error: Exception) -> str:
+    return " ".join(str(error).split())
+
+
+def _version(about: dict[str, Any]) -> str | None:
+    value = next((about[name] for name in VERSIONS if about.get(name)), None)
+    return None if value is None else str(value).strip('"')
