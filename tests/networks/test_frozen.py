@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 import torch
 
+from addressed_dynamics.base.params.training import Activation
 from addressed_dynamics.networks import frozen
 from addressed_dynamics.networks.addressing import addressing_scores
 from addressed_dynamics.networks.frozen import FrozenMLP
-from addressed_dynamics.networks.stacked import Activation, StackedMLP
+from addressed_dynamics.networks.stacked import StackedMLP
 
 STACKS = pytest.mark.parametrize(
     ("members", "activation", "shared", "linear"),

@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from torch.utils.flop_counter import FlopCounterMode
 
 from addressed_dynamics.base.errors import ModelError
-from addressed_dynamics.networks.stacked import Activation, StackedMLP, in_chunks
+from addressed_dynamics.base.params.training import Activation
+from addressed_dynamics.networks.stacked import StackedMLP, in_chunks
 
 SHARED = pytest.mark.parametrize("shared", [0, 1, 2])
 LINEAR = pytest.mark.parametrize("linear", [False, True])

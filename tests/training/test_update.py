@@ -4,7 +4,8 @@ import pytest
 import torch
 
 from addressed_dynamics.base.params.sections import OptimiserParams
-from addressed_dynamics.networks.stacked import ACTIVATIONS, Activation, StackedMLP
+from addressed_dynamics.base.params.training import Activation
+from addressed_dynamics.networks.stacked import ACTIVATIONS, StackedMLP
 from addressed_dynamics.training.losses import (
     absolute_and_squared_error,
     absolute_error,

@@ -10,8 +10,9 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 
+from addressed_dynamics.base.params.training import Activation
 from addressed_dynamics.networks.layers import Activate
-from addressed_dynamics.networks.stacked import Activation, StackedMLP
+from addressed_dynamics.networks.stacked import StackedMLP
 
 _IN_PLACE: dict[Activation, Activate] = {
     "relu": torch.relu_,

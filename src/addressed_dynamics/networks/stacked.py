@@ -3,17 +3,16 @@
 import math
 from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
-from typing import Literal
 
 import torch
 from jaxtyping import Float, Int64
 from torch import Tensor, nn
 
 from addressed_dynamics.base.errors import ModelError
+from addressed_dynamics.base.params.training import Activation
 from addressed_dynamics.features.common.spool import release
 from addressed_dynamics.networks.layers import Activate, Layer, Layers
 
-Activation = Literal["relu", "tanh", "elu"]
 ACTIVATIONS: dict[str, Activate] = {
     "relu": torch.relu,
     "tanh": torch.tanh,

@@ -16,9 +16,10 @@ from torch import Tensor
 
 from addressed_dynamics.base.errors import ModelError, TransitionsError
 from addressed_dynamics.base.files import atomic_path, write_json
+from addressed_dynamics.base.params.training import Activation
 from addressed_dynamics.episodes.transitions import DiscreteAction, SpaceSpec
 from addressed_dynamics.networks.files import read_index
-from addressed_dynamics.networks.stacked import Activation, StackedMLP
+from addressed_dynamics.networks.stacked import StackedMLP
 
 FOLDER = "reward"
 """Name of the folder in a folder of models; the evaluation writes it."""

@@ -10,8 +10,9 @@ from jaxtyping import Float, Int64
 from torch import Tensor, nn
 
 from addressed_dynamics.base.params.sections import OptimiserParams
+from addressed_dynamics.base.params.training import Activation
 from addressed_dynamics.features.common.courses import Courses
-from addressed_dynamics.networks.stacked import Activation, StackedMLP
+from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.training.adam import FlatAdam
 from addressed_dynamics.training.losses import MemberLoss
 from addressed_dynamics.training.shares import Shares
