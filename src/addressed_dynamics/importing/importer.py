@@ -90,7 +90,7 @@ class _Attempt:
     after: Agreement
     """What was known after it."""
     recordings: tuple[_Imported, ...]
-    """None if it failed."""
+    """Nothing if it failed."""
     failure: Failure | None = None
 
     @property
@@ -192,8 +192,10 @@ def _remote(source: SourceParams, folder: Path) -> list[Remote]:
 
 
 def _processes(source: SourceParams, units: Sequence[Unit], remote: Mapping[Path, Remote], cores: int) -> int:
-    files = [file for unit in units for file in unit]
-    size = sum(remote[file].size if file in remote else file.stat().st_size for file in files)
+    files = {file for unit in units for file in unit}
+    # A file that has gone meanwhile is told by who reads it.
+    size = sum(file.stat().st_size for file in files - remote.keys() if file.exists())
+    size += sum(each.size for each in remote.values())
     worthwhile = size // (WORKER_BYTES if isinstance(source, McapSource) else WORKER_TABLE_BYTES)
     return max(1, min(cores, len(units), worthwhile))
 
