@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import safetensors.numpy
 
-from addressed_dynamics.base.files import atomic_path, write_text
+from addressed_dynamics.base.files import atomic_path, remove_partial, write_text
 
 OLD, NEW = {"a.txt": "old", "b.txt": "old"}, {"a.txt": "new", "c.txt": "new"}
 
@@ -168,3 +168,16 @@ def test_what_cannot_be_written_is_an_error_of_the_system_that_says_where(
     assert caught.value.errno == errno.EFBIG
     assert f"{tmp_path / 'model'}" in "; ".join([str(caught.value), *getattr(caught.value, "__notes__", [])])
     assert list(tmp_path.iterdir()) == []
+
+
+def test_what_killed_processes_left_is_removed_and_nothing_else(tmp_path: Path) -> None:
+    tables = tmp_path / "tables"
+    fill(tables, OLD)
+    (tables / "train").mkdir()
+    fill(tables / "train" / ".0003.17.partial", NEW)
+    (tables / "train" / ".a.parquet.17.partial").touch()
+    (tables / ".left.replaced.partial").symlink_to(tmp_path)
+    remove_partial(tables)
+    remove_partial(tmp_path / "nowhere")
+    assert sorted(path.name for path in tables.rglob("*")) == ["a.txt", "b.txt", "train"]
+    assert tmp_path.exists()
