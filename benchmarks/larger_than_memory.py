@@ -10,6 +10,7 @@ import hashlib
 import json
 import os
 import shutil
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -17,7 +18,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
-from itertools import pairwise
+from itertools import islice, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -188,8 +189,71 @@ def train(
             found["addressing_samples"] = end.samples
             for parameter in end.network.parameters():
                 digest.update(parameter.detach().numpy().tobytes())
-        data.discard()
+    if memory == NOTHING and len(data.train) > MILLION:
+        found |= side_by_side(data.train)
+    data.discard()
     return found | {"before": before, "digest": digest.hexdigest(), **peaks.most}
+
+
+def side_by_side(samples: Any, rounds: int = 5) -> dict[str, float]:
+    """Return how fast samples in files are beside their first million in memory, in profiles and in updates.
+
+    Both take turns within seconds, so that what else the machine does hits them alike: of each round the ratio of
+    samples in a second of a processor, and of all rounds the median.
+    """
+    import torch
+
+    from addressed_dynamics.base.params.experiments import load_experiment
+    from addressed_dynamics.features.common.samples import Samples, Windows
+    from addressed_dynamics.training.ensemble import evaluate_profiles, untrained_ensemble
+    from addressed_dynamics.training.epochs import draw_order
+    from addressed_dynamics.training.losses import REGRESSION_LOSSES
+    from addressed_dynamics.training.update import StackTrainer
+
+    params, x = load_experiment(PARAMS_FILE, "mountaincar", "transitions").ensemble.with_members(2), samples.x
+    generator, zeros = torch.Generator().manual_seed(0), torch.zeros(MILLION, dtype=torch.int64)
+
+    def part(first: int, copied: bool) -> Samples:
+        rows = slice(first, first + MILLION)
+        y = samples.y[rows]
+        if isinstance(x, Windows):
+            last = x.last[rows]
+            begin = int(last[0]) - len(x.weights) + 1
+            frames = x.frames[begin : int(last[-1]) + 1]
+            own = Windows(frames.clone() if copied else frames, last - begin, x.weights)
+            return Samples(own, y.clone() if copied else y, zeros[: len(y)], zeros[: len(y)])
+        return Samples(x[rows].clone() if copied else x[rows], y.clone() if copied else y, zeros, zeros)
+
+    in_memory = part(0, copied=True)
+    stack = untrained_ensemble(x.shape[1], samples.y.shape[1], params, seed=0)
+    trainer = StackTrainer(stack, REGRESSION_LOSSES[params.loss], params.optimiser, 10**6)
+
+    def update(some: Samples, order: Any) -> None:
+        for batch in islice(order, 1400):
+            trainer.update(some.x[batch.rows], some.y[batch.rows], batch.weight)
+
+    orders = {
+        name: draw_order(torch.arange(len(each), dtype=torch.int32) % 2, 2, generator).batches(params.batch_size)
+        for name, each in (("memory", in_memory), ("files", samples))
+    }
+    ratios: dict[str, list[float]] = {"profiles": [], "updates": []}
+    for number in range(rounds):
+        away = part((number + 1) * (len(samples) // (rounds + 1) // MILLION) * MILLION, copied=False)
+        seconds = {}
+        for name, work in {
+            "profiles/memory": lambda: evaluate_profiles(stack, in_memory, "mae"),
+            "profiles/files": lambda away=away: evaluate_profiles(stack, away, "mae"),
+            "updates/memory": lambda: update(in_memory, orders["memory"]),
+            "updates/files": lambda: update(samples, orders["files"]),
+        }.items():
+            begin = time.process_time()
+            work()
+            seconds[name] = time.process_time() - begin
+        for name, found in ratios.items():
+            found.append(seconds[f"{name}/memory"] / seconds[f"{name}/files"])
+    return {f"{name}_ratio": statistics.median(found) for name, found in ratios.items()} | {
+        f"{name}_lowest": min(found) for name, found in ratios.items()
+    }
 
 
 def bin_in_turns(folder: Path, samples: int, members: int, *, mapped: bool) -> dict[str, Any]:
@@ -358,7 +422,7 @@ def report(found: dict[str, Any]) -> None:
             continue
         in_memory, rows = found[name]["in_memory"], []
         for number, (size, each) in enumerate(found[name]["streamed"].items()):
-            beside = in_memory[number : number + 2]
+            beside = in_memory[min(number, len(in_memory) - 2) :][:2]
             ratios = [
                 sum(per_sample(one, clock) for one in beside) / len(beside) / per_sample(each, clock)
                 for clock in ("wall", "cpu")
@@ -377,6 +441,11 @@ def report(found: dict[str, Any]) -> None:
             "files",
         ]
         print_table([name, *headings], rows)
+        for size, each in found[name]["streamed"].items():
+            if "updates_ratio" in each:
+                lowest = f"lowest {each['updates_lowest']:.2f} and {each['profiles_lowest']:.2f}"
+                ratios = f"{each['updates_ratio']:.2f} in updates, {each['profiles_ratio']:.2f} in profiles ({lowest})"
+                print(f"{int(size):,} in turns with their first million in memory, samples/s by CPU: {ratios}")
         if staged := found[name]["staged"]:
             ratio = per_sample(found[name]["streamed"][str(STAGED)], "cpu") / per_sample(staged, "cpu")
             print(f"{STAGED:,} laid out in the order of the epoch: {ratio:.2f} of the samples/s (by CPU)")
