@@ -39,7 +39,7 @@ def main() -> None:
         states, actions = some(model, batch, 1)
         contestants: dict[str, Step] = {
             "this": predict_of(model, batch),
-            "matrix products of this": products_of(model, batch),
+            "matrix products of this": products_of(model, batch)["products"],
         }
         one_hot = np.eye(3, dtype=np.float32)[actions[:, 0]]
         for name, peer in {"torchrl": of_torchrl, "mbrl-lib": of_mbrl}.items():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from operator import attrgetter
 from pathlib import Path
 from typing import Literal, NamedTuple, cast, overload
 
@@ -23,6 +24,9 @@ from addressed_dynamics.simulators.delivery import Origin, Parts, find_parts
 from addressed_dynamics.simulators.modes import MODES, Mode, check_choice, no_mode
 from addressed_dynamics.simulators.trust import SIGNALS, Expectation, Followed, Scales, Trust, TrustedRollout
 from addressed_dynamics.simulators.trusted import TrustFile, find_trust, is_calibrated
+
+_VERSION = attrgetter("_version")
+"""How often a parameter has been changed in place."""
 
 
 class AddressedDynamics:
@@ -775,7 +779,7 @@ class AddressedDynamics:
 
     def _networks(self) -> tuple[FrozenMLP, FrozenMLP | None]:
         """Return the networks as they are evaluated, made anew if weights have changed."""
-        versions = tuple(parameter._version for parameter in self._parameters)
+        versions = tuple(map(_VERSION, self._parameters))
         if self._frozen is None or self._frozen[0] != versions:
             addressing = None if self.addressing is None else FrozenMLP(self.addressing)
             self._frozen = versions, FrozenMLP(self.ensemble), addressing
