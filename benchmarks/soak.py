@@ -23,12 +23,13 @@ import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from filelock import FileLock
 from measuring import print_table
-from soak_commands import kill_all
+from soak_commands import commands_in, fork_servers_in, kill_all, workers_in
 from soak_mlflow import Server
 from soak_projects import Step
 from soak_rooms import SmallRoom, may_mount, small_file_system
@@ -42,6 +43,14 @@ SHORT = {"pendulum": ("import",)}
 """Experiments that do not go through all stages here."""
 TRACKED = STAGES[1:]
 """Stages that MLflow sees."""
+KILLS_A_TURN = 2
+"""Rounds of kills in a turn, in which there is one of everything else."""
+ALONE = {
+    "worker killed": workers_in,
+    "fork server killed": fork_servers_in,
+    "tracker killed": partial(commands_in, mark="multiprocessing.resource_tracker"),
+}
+"""Processes that are killed alone."""
 COUNTS = ("disturbed", "looked", "ended", "faults")
 """What is counted of each stage and kind of disturbance."""
 MOST_LINES = 12
@@ -61,9 +70,9 @@ def soak(found: Soak, options: argparse.Namespace, room: SmallRoom | None, serve
             continue
         if step.experiment == "pfnn" and step.stage == "train_policy":
             continue  # it has none to train
-        waiting.append(found.kill(step, options.kills))
-        waiting.append(found.kill_alone(step, options.alone, "worker killed", "spawn_main"))
-        waiting.append(found.kill_alone(step, min(options.alone, 2), "tracker killed", "resource_tracker"))
+        waiting += [found.kill(step, options.kills)] * KILLS_A_TURN
+        for kind, victims in ALONE.items():
+            waiting.append(found.kill_alone(step, options.alone, kind, victims))
         waiting.append(found.orphan(step, options.orphans))
         if room:
             waiting.append(found.fill(step, options.full, room))
@@ -80,7 +89,7 @@ def soak(found: Soak, options: argparse.Namespace, room: SmallRoom | None, serve
             if time.monotonic() > end:
                 return
             if next(rounds, True):
-                waiting.remove(rounds)
+                waiting = [each for each in waiting if each is not rounds]
             (found.folder / "found.json").write_text(json.dumps(rows(found), indent=1), encoding="utf-8")
 
 
@@ -130,7 +139,9 @@ def main() -> None:
     parser.add_argument("--experiments", nargs="+", choices=RAW, default=list(RAW))
     parser.add_argument("--stages", nargs="+", choices=[*STAGES, "record", "import"], help="only these")
     parser.add_argument("--kills", type=int, default=100, help="of each stage, with DVC and its workers")
-    parser.add_argument("--alone", type=int, default=10, help="of a worker alone, and of the resource tracker alone")
+    parser.add_argument(
+        "--alone", type=int, default=10, help="of a worker alone, of its server, of the resource tracker"
+    )
     parser.add_argument("--orphans", type=int, default=10, help="of DVC alone, while the stage goes on")
     parser.add_argument("--full", type=int, default=20, help="times that the disk of each stage is full")
     parser.add_argument("--gone", type=int, default=20, help="times that each stage loses MLflow")

@@ -43,6 +43,29 @@ def processes_in(folder: Path) -> dict[int, str]:
     return found
 
 
+def commands_in(folder: Path, mark: str) -> list[int]:
+    """Return the processes in a folder with a mark in their command line."""
+    return sorted(process for process, line in processes_in(folder).items() if mark in line)
+
+
+def workers_in(folder: Path) -> list[int]:
+    """Return the worker processes in a folder: those that their server has forked, and so are called like it."""
+    servers = commands_in(folder, "multiprocessing.forkserver")
+    return [process for process in servers if _parent(process) in servers]
+
+
+def fork_servers_in(folder: Path) -> list[int]:
+    """Return the servers in a folder that fork workers."""
+    servers = commands_in(folder, "multiprocessing.forkserver")
+    return [process for process in servers if _parent(process) not in servers]
+
+
+def _parent(process: int) -> int:
+    with suppress(OSError):
+        return int(Path(f"/proc/{process}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[1])
+    return 0
+
+
 def kill_all(folder: Path) -> int:
     """Kill every process that works in a folder with SIGKILL, until there are none; return how many there were."""
     killed, quiet = 0, 0

@@ -6,13 +6,13 @@ import random
 import signal
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
-from soak_commands import PAUSE, Command, processes_in, remarks, stopped
+from soak_commands import PAUSE, Command, commands_in, remarks, stopped
 from soak_mlflow import SERVER, WAYS, Server, taken_away
 from soak_projects import (
     State,
@@ -183,17 +183,17 @@ class Soak:
             self.finish(step, "killed")
             yield
 
-    def kill_alone(self, step: Step, count: int, kind: str, mark: str) -> Iterator[None]:
-        """Kill one process of a stage whose command line has a mark, and no other, so many times, if it has any."""
+    def kill_alone(self, step: Step, count: int, kind: str, victims: Callable[[Path], Sequence[int]]) -> Iterator[None]:
+        """Kill one of some processes of a stage, and no other, so many times, if it has any."""
         tally = self.tally(step, kind)
         while tally.disturbed < count:
             clone = self.begin(step)
             command = self.start(step, ADDRESSED_DYNAMICS_PROCESSES="2")
-            if not command.has_ended(math.inf, partial(_marked, clone, mark)):
+            if not command.has_ended(math.inf, partial(victims, clone)):
                 command.has_ended(command.seconds + self.draw.random() * 0.5 * max(self.seconds[step][-3:]))
-            if victims := _marked(clone, mark):
+            if found := victims(clone):
                 with suppress(ProcessLookupError):
-                    os.kill(self.draw.choice(victims), signal.SIGKILL)
+                    os.kill(self.draw.choice(found), signal.SIGKILL)
                     tally.disturbed += 1
             elif not tally.disturbed:
                 command.status()
@@ -215,18 +215,18 @@ class Soak:
         while tally.disturbed < count:
             clone = self.begin(step)
             command = self.start(step, warm=False, log=self.folder / "log0")
-            command.has_ended(math.inf, partial(_marked, clone, "-m pipeline."))
+            command.has_ended(math.inf, partial(commands_in, clone, "-m pipeline."))
             command.has_ended(command.seconds + self.draw.random() * max(self.seconds[step][-3:]))
-            for victim in _marked(clone, "-m dvc"):
+            for victim in commands_in(clone, "-m dvc"):
                 with suppress(ProcessLookupError):
                     os.kill(victim, signal.SIGKILL)
             command.has_ended(math.inf)  # or it would be a zombie, which DVC takes for one that runs
-            if not _marked(clone, "-m pipeline."):
+            if not commands_in(clone, "-m pipeline."):
                 continue
             tally.disturbed += 1
             again = self.start(step, warm=False)
             status = again.wait()
-            while _marked(clone, "-m pipeline."):
+            while commands_in(clone, "-m pipeline."):
                 time.sleep(PAUSE)
             for each in (command, again):
                 tally.said += remarks(each.log, step.experiment)
@@ -311,10 +311,6 @@ class Soak:
             if wrong := differences(self.clone, self.states[self.steps.index(last) + 1]):
                 self.fault(tally, f"two at once end otherwise: {'; '.join(wrong[:SHOWN])}", commands[1])
             yield
-
-
-def _marked(folder: Path, mark: str) -> list[int]:
-    return sorted(each for each, line in processes_in(folder).items() if mark in line)
 
 
 def _is_full(said: str) -> bool:
