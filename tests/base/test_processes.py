@@ -113,7 +113,13 @@ def test_only_a_worker_that_was_killed_suggests_lack_of_memory() -> None:
 
 
 @pytest.mark.parametrize(
-    ("code", "words"), [(-15, r"was killed \(SIGTERM\)"), (-200, r"killed \(signal 200\)"), (None, "died; run")]
+    ("code", "words"),
+    [
+        (-15, r"was killed \(SIGTERM\)"),
+        (-200, r"killed \(signal 200\)"),
+        (None, "died; run"),
+        (255, "ended with the server that had forked it"),
+    ],
 )
 def test_the_end_of_a_worker_is_told_by_its_exit_code(code: int | None, words: str) -> None:
     assert re.search(words, death(code))

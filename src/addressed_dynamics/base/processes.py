@@ -24,6 +24,8 @@ from addressed_dynamics.base.cluster import cluster_map, engine
 from addressed_dynamics.base.errors import AddressedDynamicsError
 from addressed_dynamics.base.failures import Failure
 
+_UNKNOWN = 255
+"""Exit code that Python gives a worker when the server that forked it is gone, which alone knew it."""
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
@@ -40,6 +42,8 @@ def death(exit_code: int | None) -> str:
     match exit_code:
         case None:
             return "died; run the stage again"
+        case _ if exit_code == _UNKNOWN:
+            return "ended with the server that had forked it, or without a word; run the stage again"
         case _ if exit_code == -signal.SIGKILL:
             return "was killed (SIGKILL), perhaps for lack of memory; run the stage again"
         case _ if exit_code < 0:
