@@ -18,6 +18,7 @@ from addressed_dynamics.simulators.motion import MotionModel
 from addressed_dynamics.sources.motion.params import MotionFeatureParams
 from addressed_dynamics.training.blended import (
     BlendedEpoch,
+    draw_kept,
     forward_with_dropout,
     train_gated,
     train_phase_functioned,
@@ -70,14 +71,14 @@ KINDS = pytest.mark.parametrize("kind", ["phase", "gate"])
 def test_without_dropout_the_forward_pass_is_that_of_the_stack() -> None:
     stack = StackedMLP(4, (342, 8, 311), "elu", torch.Generator().manual_seed(0))
     mix = catmull_rom(PHASE)
-    output = forward_with_dropout(stack, TRAIN.x, mix, 0.0, torch.Generator())
+    output = forward_with_dropout(stack, TRAIN.x, mix, 0.0, [])
     torch.testing.assert_close(output, stack.forward_blended(TRAIN.x, mix))
 
 
 def test_dropout_keeps_the_mean_of_a_layers_inputs() -> None:
     stack = StackedMLP(1, (342, 311), "elu", torch.Generator().manual_seed(0)).requires_grad_(False)
     generator, one, x = torch.Generator().manual_seed(1), torch.ones(4000, 1), TRAIN.x[:1].expand(4000, -1)
-    dropped = forward_with_dropout(stack, x, one, 0.3, generator)
+    dropped = forward_with_dropout(stack, x, one, 0.3, draw_kept(stack, x, 0.3, generator))
     whole = stack.forward_blended(x[:1], one[:1])[0]
     spread = dropped.std(dim=0) / math.sqrt(len(x))
     assert ((dropped.mean(dim=0) - whole).abs() < 5 * spread).all()

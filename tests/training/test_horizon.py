@@ -48,7 +48,7 @@ def in_state_space(stack: StackedMLP, row: int, horizon: int) -> torch.Tensor:
         x = FEATURES.encode(state, torch.from_numpy(WORLD.action[step : step + 1]))
         state = FEATURES.decode(stack(x)[0], state)
         errors.append((state - torch.from_numpy(WORLD.next_observation[step : step + 1]))[0])
-    return torch.stack(errors) / FEATURES.target_scale / FEATURES.target_deviation
+    return torch.stack(errors) / FEATURES.constants.target_scale / FEATURES.target_deviation
 
 
 @pytest.mark.parametrize("loss", ["mse", "mae", "mae+mse"])

@@ -60,6 +60,10 @@ class ClusterError(AddressedDynamicsError):
     """Ray cannot be used, or lost what it was given to do."""
 
 
+class DeviceError(AddressedDynamicsError):
+    """A GPU is asked for that is not there."""
+
+
 class TrackingError(AddressedDynamicsError):
     """The tracking store cannot be opened by a command that needs it (a stage only warns)."""
 

@@ -1,8 +1,23 @@
-"""What training asks of the process it runs in: threads, denormal numbers, named sources of randomness."""
+"""What training asks of the process it runs in: threads, a device, denormal numbers, named sources of randomness.
+
+Where there is a GPU, the environment variable `ADDRESSED_DYNAMICS_DEVICE` lets work be done on it. It is no param: what
+comes out is the same up to rounding (docs/decisions/0037-device.md).
+"""
 
 import hashlib
+import os
+import re
 
 import torch
+from torch import Tensor
+
+from addressed_dynamics.base.cluster import ENGINE, engine
+from addressed_dynamics.base.errors import DeviceError, ParamsError
+
+DEVICE = "ADDRESSED_DYNAMICS_DEVICE"
+"""Environment variable: `cpu`, as without it; `cuda`, for the first GPU; `cuda:1`, for another."""
+CPU = torch.device("cpu")
+"""Where everything is computed unless something else is asked for."""
 
 
 def prepare_torch(threads: int) -> None:
@@ -10,12 +25,76 @@ def prepare_torch(threads: int) -> None:
 
     Adam's averages of units that have died decay into the denormal range, where this kind of processor is ten times
     slower (measured: docs/decisions/0004-denormals.md).
+
+    Products are of float32, not of TF32, whose ten bits are fewer than a loss differs by. Where a GPU is asked for, it
+    adds up in the same order every time, wherever torch has such a way.
+
+    Raises:
+        ParamsError: the environment asks for a device of another kind.
     """
     torch.set_num_threads(threads)
     torch.set_flush_denormal(True)
+    torch.set_float32_matmul_precision("highest")
+    if _asked_device().type == "cuda":
+        # cuBLAS reads it when it is first used.
+        os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")
+        # What has no such way is said by a warning. Memory is written before it is read: to fill it costs launches.
+        torch.use_deterministic_algorithms(True, warn_only=True)
+        torch.utils.deterministic.fill_uninitialized_memory = False  # type: ignore[attr-defined] # set on the module
+
+
+def computing_device() -> torch.device:
+    """Return the device that the environment asks for: the CPU, or a GPU, which is there.
+
+    Raises:
+        ParamsError: the environment asks for a device of another kind, or for a GPU and Ray.
+        DeviceError: this build of torch has no GPUs, or the machine has no such GPU.
+    """
+    device = _asked_device()
+    if device.type == "cpu":
+        return device
+    if engine() is not None:
+        message = f"{DEVICE} is '{device}', but tasks of Ray are given no GPU; unset it, or {ENGINE}"
+        raise ParamsError(message)
+    cpu = f"or unset {DEVICE} for the CPU"
+    built = torch.version.cuda or torch.version.hip
+    if built is None:
+        message = (
+            f"{DEVICE} asks for '{device}', but torch {torch.__version__} is a build without CUDA; install one with it "
+            f"(https://pytorch.org/get-started/locally), {cpu}"
+        )
+        raise DeviceError(message)
+    if not torch.cuda.is_available():
+        message = (
+            f"{DEVICE} asks for '{device}', but torch {torch.__version__} (CUDA {built}) finds no GPU that it can "
+            f"use; look at what 'nvidia-smi' says of driver and GPUs, {cpu}"
+        )
+        raise DeviceError(message)
+    count = torch.cuda.device_count()
+    if device.index >= count:
+        message = f"{DEVICE} asks for '{device}', but there are GPUs 0 to {count - 1} only; ask for one of them, {cpu}"
+        raise DeviceError(message)
+    return device
+
+
+def sent(tensor: Tensor, device: torch.device) -> Tensor:
+    """Return a tensor of the CPU on a device, without waiting for what that has still to do."""
+    # From memory that may be swapped out a GPU copies only when it has done everything else.
+    return tensor if device.type == "cpu" else tensor.pin_memory().to(device, non_blocking=True)
 
 
 def named_generator(seed: int, name: str) -> torch.Generator:
-    """Return a random generator for one purpose, independent of those with other names and seeds."""
+    """Return a random generator for one purpose, independent of those with other names and seeds.
+
+    It is one of the CPU, wherever what it draws is used: so the same is drawn on every device.
+    """
     digest = hashlib.blake2b(f"{seed}/{name}".encode(), digest_size=8).digest()
     return torch.Generator().manual_seed(int.from_bytes(digest, "little") >> 1)
+
+
+def _asked_device() -> torch.device:
+    asked = os.environ.get(DEVICE, "cpu")
+    if not (found := re.fullmatch(r"cpu|cuda(?::(\d+))?", asked)):
+        message = f"{DEVICE} should be 'cpu', 'cuda' or 'cuda:NUMBER', but is '{asked}'"
+        raise ParamsError(message)
+    return CPU if asked == "cpu" else torch.device("cuda", int(found[1] or 0))

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
+from typing import Self
 
 import torch
 from jaxtyping import Float, Int64
@@ -92,6 +93,18 @@ class StackedMLP(nn.Module):
         self.linear = nn.ParameterList()
         if linear:
             self.linear.append(nn.Parameter(torch.zeros(members, self.widths[0], self.widths[-1])))
+
+    def on(self, device: torch.device) -> Self:
+        """Return these networks on a device: themselves if that is where they are, else a copy."""
+        if self.weights[0].device == device:
+            return self
+        other = type(self)(
+            self.members, self.widths, self.activation, shared=self.shared, linear=bool(len(self.linear))
+        )
+        for own, copies in ((self.weights, other.weights), (self.biases, other.biases), (self.linear, other.linear)):
+            for index, parameter in enumerate(own):
+                copies[index] = nn.Parameter(parameter.detach().to(device), parameter.requires_grad)
+        return other
 
     @property
     def parameters_per_member(self) -> int:

@@ -44,7 +44,9 @@ class FlatAdam:
         self.gradient = torch.zeros_like(self._flat)
         """All gradients as one tensor."""
         self._first_moment, self._second_moment = torch.zeros_like(self._flat), torch.zeros_like(self._flat)
-        self._adam_step = torch.tensor(0.0)
+        # On a GPU what changes from update to update lies there, too: an update may be one graph.
+        self._adam_step = torch.zeros((), device=self._flat.device)
+        self._rate = None if self._flat.is_cpu else torch.zeros((), device=self._flat.device)
         shapes = [parameter.shape for parameter in own]
         self.values: list[Float[Tensor, ...]] = _views(self._flat, shapes)
         """The parameters, without autograd's bookkeeping."""
@@ -53,23 +55,38 @@ class FlatAdam:
         for parameter, view in zip(own, self.values, strict=True):
             parameter.data = view
 
-    @torch.no_grad()
     def step(self) -> None:
         """Make an update with the gradients that are there."""
+        self.begin()
+        self.change()
+
+    def begin(self) -> None:
+        """Count the update that `change` is to make, and set its learning rate."""
+        if self._rate is not None:
+            self._rate.fill_(self.learning_rate)
+        self.updates += 1
+
+    @torch.no_grad()
+    def change(self) -> None:
+        """Change the parameters by the gradients that are there, after `begin`."""
+        # On a GPU by the same launches in every update.
+        rate = self._rate_after(self.updates - 1) if self._rate is None else self._rate
         if self._weight_decay:
-            self._decayed.mul_(1.0 - self.learning_rate * self._weight_decay)
+            self._decayed.mul_(1.0 - rate * self._weight_decay)
         # The function that torch.optim.Adam calls: the class around it costs a small network as much as its products.
         adam(
             [self._flat], [self.gradient], [self._first_moment], [self._second_moment], [], [self._adam_step],
             fused=True, amsgrad=False, beta1=self._schedule.betas[0], beta2=self._schedule.betas[1],
-            lr=self.learning_rate, weight_decay=0.0, eps=1e-8, maximize=False,
+            lr=rate, weight_decay=0.0, eps=1e-8, maximize=False,
         )  # fmt: skip
-        self.updates += 1
 
     @property
     def learning_rate(self) -> float:
         """The learning rate of the next update: half a cosine from the peak to the final share of it."""
-        done = min(self.updates / max(self._total_updates, 1), 1.0)
+        return self._rate_after(self.updates)
+
+    def _rate_after(self, updates: int) -> float:
+        done = min(updates / max(self._total_updates, 1), 1.0)
         share = self._schedule.final_share + (1.0 - self._schedule.final_share) * 0.5 * (1.0 + math.cos(math.pi * done))
         return self._schedule.learning_rate * share
 

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from addressed_dynamics.base.errors import TrainingError
 from addressed_dynamics.base.params.training import AddressingTraining
-from addressed_dynamics.base.torch_runtime import named_generator
+from addressed_dynamics.base.torch_runtime import CPU, named_generator
 from addressed_dynamics.features.common.augmentation import Augment
 from addressed_dynamics.features.common.samples import Samples
 from addressed_dynamics.features.common.spool import beside, release
@@ -37,6 +37,7 @@ def train_addressing(
     variant: Variant,
     augment: Augment | None = None,
     checkpoint: Checkpoint | None = None,
+    device: torch.device = CPU,
 ) -> Iterator[Epoch]:
     """Train an addressing network on the argmin of fresh loss profiles; yield after every epoch.
 
@@ -48,7 +49,8 @@ def train_addressing(
 
     With `augment` the network trains on what it makes of the inputs of a batch.
 
-    With a checkpoint, training goes on from it if it exists, as `train_ensemble` does.
+    With a checkpoint, training goes on from it if it exists, and with a device it trains there, as `train_ensemble`
+    does; profiles stay on the CPU.
 
     Raises:
         TrainingError: there are no samples, or a loss is not finite.
@@ -58,19 +60,20 @@ def train_addressing(
         raise TrainingError(message)
     members = train_profiles.shape[1]
     generator = named_generator(seed, "addressing/batches")
-    network = untrained_addressing(train.x.shape[1], members, params, seed=seed)
+    network = untrained_addressing(train.x.shape[1], members, params, seed=seed).on(device)
     loss = cross_entropy_of_heads if params.heads else cross_entropy
     length = Length.of(len(train), 1, params.batch_size, epochs=params.epochs)
     trainer = StackTrainer(network, loss, params.optimiser, length.updates, dropout=params.dropout, generator=generator)
 
     def ended(epoch: int, metrics: dict[str, float]) -> Epoch:
         made, seen = length.updates_after(epoch), length.samples_after(epoch)
-        return Epoch(epoch, epoch == length.epochs, made, metrics, network, seen)
+        return Epoch(epoch, epoch == length.epochs, made, metrics, network.on(CPU), seen)
 
-    best, make = best_members(train_profiles), beside(train)
+    best, make = best_members(train_profiles).to(device), beside(train)
     costly = variant == "cost_sensitive"
     weights = misclassification_weights(train_profiles, params.tie_share, make) if costly else None
     one_bin = torch.zeros(len(train), dtype=torch.uint8)
+    train, validation = train.to(device), validation.to(device)
     history, state = checkpoint.load() if checkpoint else ([], {})
     if history:
         generator.set_state(state.pop("generator"))
@@ -78,9 +81,9 @@ def train_addressing(
     for epoch, metrics in enumerate(history, start=1):
         yield ended(epoch, metrics)
     for epoch in range(len(history) + 1, length.epochs + 1):
-        rate, total = trainer.learning_rate, 0.0
-        drawn = None if weights is None else resample(weights, generator, make)
-        order = draw_order(one_bin, 1, generator)
+        rate, losses = trainer.learning_rate, torch.zeros(1, dtype=torch.float64, device=device)
+        drawn = None if weights is None else resample(weights, generator, make).to(device)
+        order = draw_order(one_bin, 1, generator).on(device)
         needed = order.rows if drawn is None else drawn[order.rows]
         gather = gather_from(train, needed, params.batch_size)
         for batch, rows in zip(
@@ -90,7 +93,8 @@ def train_addressing(
             x, y = gather(rows)
             if augment is not None:
                 x, _ = augment(x, y, generator)
-            total += float(trainer.update(x, best[rows].long(), batch.weight))
+            losses += trainer.update(x, best[rows].long(), batch.weight)
+        total = float(losses)
         del gather
         release(train.x, train.y)
         if not total < float("inf"):
@@ -167,7 +171,7 @@ def addressing_metrics(
     network: StackedMLP, samples: Samples, profiles: Float[Tensor, "sample member"]
 ) -> dict[str, float]:
     """Return cross-entropy and agreement with the best member, regret and loss of the addressing network's choices."""
-    scores = _scores(network, samples)
+    scores = _scores(network, samples).to(profiles.device)
     chosen = scores.argmax(dim=1)
     selected = profiles.gather(1, chosen.unsqueeze(1)).squeeze(1).double()
     lowest, best = profiles.min(dim=1)

@@ -49,9 +49,13 @@ class Checkpoint:
         return Checkpoint(folder / f"{hashlib.blake2b(text.encode(), digest_size=12).hexdigest()}.safetensors")
 
     def save(self, history: list[dict[str, float]], tensors: dict[str, Tensor]) -> None:
-        """Keep the metrics of all epochs so far and the state after the last, in place of what was kept before."""
+        """Keep the metrics of all epochs so far and the state after the last, in place of what was kept before.
+
+        Tensors of any device are kept as those of the CPU, so that a training may go on elsewhere.
+        """
+        kept = {name: tensor.cpu() for name, tensor in tensors.items()}
         with atomic_path(self.path) as temporary:
-            safetensors.torch.save_file(tensors, temporary, metadata={"history": json.dumps(history)})
+            safetensors.torch.save_file(kept, temporary, metadata={"history": json.dumps(history)})
 
     def load(self) -> tuple[list[dict[str, float]], dict[str, Tensor]]:
         """Return the metrics of the finished epochs and the state after the last; nothing if none can be read."""

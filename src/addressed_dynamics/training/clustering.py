@@ -108,7 +108,10 @@ class _Assignment:
             part = self._losses[rows].contiguous()
             _check_finite(part)
             # Norms are not negative, and the bits of such numbers, taken for integers, are in the same order.
-            self._keys[rows] = torch.linalg.vector_norm(part, dim=1).to(self._float).view(self._key)
+            # They are the CPU's wherever the losses lie: of many samples rounding alone tells some norms apart, and
+            # another way of adding up squares would put these in another order.
+            norms = torch.linalg.vector_norm(part.cpu(), dim=1).to(self._float).view(self._key)
+            self._keys[rows] = norms.to(part.device)
             self._preferred[rows] = _lowest_open(part.T.contiguous(), self._closed).to(self._preferred.dtype)
             counts += self._count(self._preferred[rows], self._keys[rows] >> shift, counts.shape[1])
         return counts
@@ -243,7 +246,7 @@ def draw_bins(
     """
     _check_shape(losses)
     samples, members = losses.shape
-    balance = torch.zeros(members, dtype=torch.float64)
+    balance = torch.zeros(members, dtype=torch.float64, device=losses.device)
 
     def scores() -> Iterator[tuple[slice, Float[Tensor, "sample member"]]]:
         for first in range(0, samples, ROWS_ON_CPU):
@@ -257,8 +260,10 @@ def draw_bins(
         balance += math.log(samples / members) - torch.logsumexp(torch.stack(parts), dim=0)
     drawn = torch.empty(samples, dtype=bins_dtype(members))
     for rows, part in scores():
-        drawn[rows] = torch.multinomial(torch.softmax(part, dim=1), 1, generator=generator).squeeze(1).to(drawn.dtype)
-    return drawn
+        # Drawn on the CPU, whose generator it is.
+        each = torch.multinomial(torch.softmax(part, dim=1).cpu(), 1, generator=generator)
+        drawn[rows] = each.squeeze(1).to(drawn.dtype)
+    return drawn.to(losses.device)
 
 
 def _check_shape(losses: Float[Tensor, "sample member"]) -> None:

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from addressed_dynamics.base.errors import TrainingError
 from addressed_dynamics.base.params.training import EnsembleParams
-from addressed_dynamics.base.torch_runtime import named_generator
+from addressed_dynamics.base.torch_runtime import CPU, named_generator
 from addressed_dynamics.features.common.augmentation import Augment
 from addressed_dynamics.features.common.courses import Courses
 from addressed_dynamics.features.common.samples import Samples
@@ -47,6 +47,7 @@ def train_ensemble(
     augment: Augment | None = None,
     checkpoint: Checkpoint | None = None,
     updates: int | None = None,
+    device: torch.device = CPU,
 ) -> Iterator[Epoch]:
     """Train `params.members` networks from `seed`; yield after every epoch.
 
@@ -89,6 +90,10 @@ def train_ensemble(
     one process or by several that `torch.distributed` has made a group of: the networks are the same, bit for bit,
     whatever their number, and those of one share up to rounding.
 
+    All samples are sent to `device` once, and trained on there. What is random is drawn on the CPU, so that networks
+    differ from those of another device by rounding and what grows of it. Networks that are yielded are on the CPU, and
+    checkpoints of any device go on on any other.
+
     With a checkpoint, training goes on from it if it exists: the epochs before it are yielded again with their metrics
     (and the networks as they are after the last of them), and it ends as it would have without the interruption.
 
@@ -115,6 +120,7 @@ def train_ensemble(
 
     shares = Shares.here(params.shares)
     start = _linear_start(train, validation, params) if params.linear else None
+    train, validation = train.to(device), validation.to(device)
 
     def begin(epoch: int) -> StackTrainer:
         untrained = untrained_ensemble(train.x.shape[1], train.y.shape[1], params, seed=seed)
@@ -122,7 +128,7 @@ def train_ensemble(
             _start_from(start, untrained)
         found_after = length.updates_after(search)
         return StackTrainer(
-            untrained, REGRESSION_LOSSES[params.loss], params.optimiser,
+            untrained.on(device), REGRESSION_LOSSES[params.loss], params.optimiser,
             found_after if epoch <= search else length.updates - found_after,
             dropout=params.dropout, weight_decay=params.weight_decay, generator=generator,
         )  # fmt: skip
@@ -153,10 +159,11 @@ def train_ensemble(
             equal = binning == "equal"
             bins = _equal_bins(profiles, params, epoch, generator, make) if equal else best_members(profiles)
             if params.overlap:
-                near = _best_of_the_others(profiles, bins)
+                near = _best_of_the_others(profiles, bins).cpu()
+            bins = bins.cpu()
             del profiles
         rate = trainer.learning_rate
-        order, updates_now = draw_order(bins, members, generator), length.updates_in(epoch)
+        order, updates_now = draw_order(bins, members, generator).on(device), length.updates_in(epoch)
         passed: Iterable[Batch] = order.batches(params.batch_size)
         overlaps = bool(params.overlap) and epoch > params.cluster_epochs
         if overlaps:
@@ -170,9 +177,9 @@ def train_ensemble(
         member_losses = found * loss_unit
         metrics = {"loss/train": float(member_losses.mean()), "learning_rate": rate}
         metrics |= {f"loss_member/{k}": float(loss) for k, loss in enumerate(member_losses)}
-        metrics |= specialisation(evaluate_profiles(stack, validation, reported, shares=shares).mul_(loss_unit))
+        metrics |= specialisation(evaluate_profiles(stack, validation, reported, shares=shares).cpu().mul_(loss_unit))
         if params.horizon > 1:
-            unrolled = evaluate_profiles(stack, validation, reported, params.horizon, shares).mul_(loss_unit)
+            unrolled = evaluate_profiles(stack, validation, reported, params.horizon, shares).cpu().mul_(loss_unit)
             metrics |= {"horizon": float(horizon), "loss/rollout": float(unrolled.min(dim=1).values.double().mean())}
         metrics["bins/changed"] = int((bins != previous).count_nonzero()) / len(bins) if epoch > 1 else 1.0
         history.append(metrics)
@@ -239,18 +246,25 @@ def evaluate_profiles(
     """Return the loss profile of every sample, in the unit of the normalised targets.
 
     With a horizon of several steps, a loss is the mean over the steps from a sample that are known, `horizon` at most,
-    in which a member goes on from its own predictions. Of several processes each evaluates some of the samples. `make`
-    makes the tensor that the profiles are written to.
+    in which a member goes on from its own predictions. Of several processes each evaluates some of the samples. They
+    are evaluated where they and the networks are. `make` makes the tensor that the profiles are written to.
     """
 
     def of_block(rows: slice) -> Float[Tensor, "sample member"]:
         if not rows.start // CHUNK_ROWS % BLOCKS_HELD:
             release(samples.x, samples.y)
         if horizon > 1:
-            return _unrolled(stack, samples, torch.arange(rows.start, rows.stop), loss, horizon)
+            return _unrolled(stack, samples, torch.arange(rows.start, rows.stop, device=samples.device), loss, horizon)
         return loss_profile(stack.forward_all(samples.x[rows]), samples.y[rows], loss)
 
     return shares.of_all(lambda rows: in_blocks(of_block, rows, make=make), len(samples))
+
+
+def profiles_on(
+    device: torch.device, stack: StackedMLP, samples: Samples, loss: str, *, make: Make = torch.empty
+) -> Float[Tensor, "sample member"]:
+    """Return what `evaluate_profiles` does, of networks and samples of the CPU and there, but evaluated on a device."""
+    return evaluate_profiles(stack.on(device), samples.to(device), loss, make=make).cpu()
 
 
 def _unrolled(
@@ -260,7 +274,8 @@ def _unrolled(
     known = courses.steps(rows).clamp(max=horizon)
     output, target = courses.unroll(stack.forward_all, rows.expand(stack.members, -1), horizon)
     each = loss_per_sample(output, target, loss)
-    return torch.where(torch.arange(horizon).unsqueeze(1) < known, each, 0.0).sum(dim=1).T / known.unsqueeze(1)
+    steps = torch.arange(horizon, device=each.device).unsqueeze(1)
+    return torch.where(steps < known, each, 0.0).sum(dim=1).T / known.unsqueeze(1)
 
 
 def _linear_start(train: Samples, validation: Samples, params: EnsembleParams) -> Ridge:
@@ -327,7 +342,7 @@ def _ended(
     if last and stopping.patience is not None:
         trainer.replace(kept)
         metrics = history[stopping.kept(history) - 1] | {"epoch/kept": float(stopping.kept(history))}
-    return Epoch(index, last, length.updates_after(index), metrics, trainer.stack, length.samples_after(index))
+    return Epoch(index, last, length.updates_after(index), metrics, trainer.stack.on(CPU), length.samples_after(index))
 
 
 def _train_one_epoch(
@@ -341,7 +356,7 @@ def _train_one_epoch(
     shares: Shares,
 ) -> Float[Tensor, " member"]:
     """Train every member on its batches; return each member's mean loss over the updates, as it is reported."""
-    total = torch.zeros(trainer.stack.members, dtype=torch.float64)
+    total = torch.zeros(trainer.stack.members, dtype=torch.float64, device=train.device)
     updates = 0
     for batch in passed:
         updates += 1
@@ -356,6 +371,7 @@ def _train_one_epoch(
             x, y = augment(x, y, generator)
         total += trainer.update(x, y, batch.weight)
     release(train.x, train.y)
+    total = total.cpu()  # the first time that the device is waited for
     if not torch.isfinite(total).all():
         message = "the training loss is not finite any more: lower ensemble.optimiser.learning_rate"
         raise TrainingError(message)

@@ -2,13 +2,15 @@
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import torch
 from jaxtyping import Float, Int, Int64, Shaped
 from torch import Tensor
 
 from addressed_dynamics.base.errors import TrainingError
+from addressed_dynamics.base.torch_runtime import CPU, sent
 from addressed_dynamics.networks.stacked import StackedMLP
 
 BLOCK_ROWS = 2**20
@@ -54,22 +56,27 @@ class Order:
     one_short: tuple[int, ...]
     """Members whose last row is none of their own pass."""
 
+    def on(self, device: torch.device) -> Self:
+        """Return the same on a device, for all batches at once: to send each costs as much as to train on it."""
+        return replace(self, rows=self.rows.to(device))
+
     def batches(self, batch_size: int) -> Iterator[Batch]:
-        """Yield the pass in batches."""
+        """Yield the pass in batches, where it lies."""
         members, length = self.rows.shape
         weight = torch.ones(members, batch_size)
         weight[[*self.idle]] = 0.0
+        share = _shares(weight).to(self.rows.device)
         for start in range(0, length, batch_size):
-            part = weight[:, : min(batch_size, length - start)]
-            if self.one_short and start + batch_size >= length:
-                part = part.clone()
-                part[[*self.one_short], -1] = 0.0
-            share = part / part.sum(dim=1, keepdim=True).clamp(min=1.0)
+            if start + batch_size >= length:
+                part = weight[:, : length - start]
+                if self.one_short:
+                    part[[*self.one_short], -1] = 0.0
+                share = _shares(part).to(self.rows.device)
             yield Batch(self.rows[:, start : start + batch_size].long(), share)
 
 
 def draw_order(bins: Shaped[Tensor, " sample"], members: int, generator: torch.Generator) -> Order:
-    """Draw one pass of every member over its own bin.
+    """Draw one pass of every member over its own bin, on the CPU, where `bins` are.
 
     All members take ceil(N/n) rows, so that every binning costs the same number of updates. With equal bins that is
     each sample once (a bin that is one short repeats a row at weight 0). A larger bin gives a random part of itself,
@@ -92,10 +99,18 @@ def draw_order(bins: Shaped[Tensor, " sample"], members: int, generator: torch.G
 
 
 def batches(
-    bins: Shaped[Tensor, " sample"], members: int, batch_size: int, generator: torch.Generator
+    bins: Shaped[Tensor, " sample"],
+    members: int,
+    batch_size: int,
+    generator: torch.Generator,
+    device: torch.device = CPU,
 ) -> Iterator[Batch]:
-    """Yield one pass of every member over its own bin, in random order, in batches; see `draw_order`."""
-    yield from draw_order(bins, members, generator).batches(batch_size)
+    """Yield one pass of every member over its own bin, in random order, in batches on a device; see `draw_order`."""
+    yield from draw_order(bins, members, generator).on(device).batches(batch_size)
+
+
+def _shares(weight: Float[Tensor, "member sample"]) -> Float[Tensor, "member sample"]:
+    return weight / weight.sum(dim=1, keepdim=True).clamp(min=1.0)
 
 
 def row_dtype(samples: int) -> torch.dtype:
@@ -122,7 +137,7 @@ def overlapping(
 
     Args:
         passed: batches of the members' own bins.
-        near: for each sample, the member that is near to it and does not have it in its bin.
+        near: for each sample, the member that is near to it and does not have it in its bin; on the CPU.
         members: how many members there are; one that is near to nothing keeps its batches.
         share: share of the samples.
         generator: what draws.
@@ -133,7 +148,8 @@ def overlapping(
         drawn = round(share * rows.shape[1])
         for member, others in enumerate(neighbours):
             if len(others):
-                rows[member, :drawn] = others[torch.randint(0, len(others), (drawn,), generator=generator)].long()
+                found = others[torch.randint(0, len(others), (drawn,), generator=generator)].long()
+                rows[member, :drawn] = sent(found, rows.device)
         yield Batch(rows, batch.weight)
 
 

@@ -62,7 +62,12 @@ def cross_entropy(
     log_probability = torch.log_softmax(output, dim=-1)
     chosen = log_probability.gather(-1, target.unsqueeze(-1)).squeeze(-1)
     derivative = log_probability.exp()
-    derivative.scatter_add_(-1, target.unsqueeze(-1), derivative.new_full((1,), -1.0).expand(*target.shape, 1))
+    if derivative.is_cpu:
+        derivative.scatter_add_(-1, target.unsqueeze(-1), derivative.new_full((1,), -1.0).expand(*target.shape, 1))
+    else:
+        # The same; what torch makes of it on a GPU where the order of sums is to be fixed takes many launches.
+        classes = torch.arange(output.shape[-1], device=output.device)
+        derivative -= (target.unsqueeze(-1) == classes).to(derivative.dtype)
     return -(chosen * weight).sum(dim=1), derivative * weight.unsqueeze(-1)
 
 

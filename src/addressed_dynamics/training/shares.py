@@ -86,9 +86,11 @@ class Shares:
         """Return what all processes have, in the order of their ranks."""
         if self.workers == 1:
             return own
-        parts = [torch.empty_like(own) for _ in range(self.workers)]
-        dist.all_gather(parts, own.contiguous())
-        return torch.cat(parts)
+        # The group is one of processors.
+        sent = own.cpu().contiguous()
+        parts = [torch.empty_like(sent) for _ in range(self.workers)]
+        dist.all_gather(parts, sent)
+        return torch.cat(parts).to(own.device)
 
 
 ALONE = Shares()

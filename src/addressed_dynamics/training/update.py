@@ -4,16 +4,19 @@ Hand-written because autograd's bookkeeping costs more than the arithmetic at th
 """
 
 from collections.abc import Callable
+from functools import partial
 
 import torch
-from jaxtyping import Float, Int64
+from jaxtyping import Bool, Float, Int64
 from torch import Tensor, nn
 
 from addressed_dynamics.base.params.sections import OptimiserParams
 from addressed_dynamics.base.params.training import Activation
+from addressed_dynamics.base.torch_runtime import sent
 from addressed_dynamics.features.common.courses import Courses
 from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.training.adam import FlatAdam
+from addressed_dynamics.training.graphs import Repeated
 from addressed_dynamics.training.losses import MemberLoss
 from addressed_dynamics.training.shares import Shares
 
@@ -21,7 +24,8 @@ from addressed_dynamics.training.shares import Shares
 class StackTrainer:
     """Adam on all members of a stack. The members' losses are added, so each is trained as if it were alone.
 
-    The stack's parameters become views of one flat tensor and change in place.
+    The stack's parameters become views of one flat tensor and change in place. They are updated where they are; on a
+    GPU an update is one CUDA graph, and none waits for what it computes.
     """
 
     def __init__(
@@ -44,7 +48,7 @@ class StackTrainer:
             total_updates: number of updates to come.
             dropout: share of the inputs of every layer that are set to 0 in an update.
             weight_decay: share of the learning rate by which the layers' parameters shrink in an update.
-            generator: which ones; of no use without dropout.
+            generator: which ones, one of the CPU; of no use without dropout.
         """
         self.stack = stack
         self._loss = loss
@@ -57,6 +61,10 @@ class StackTrainer:
         layers = len(stack.weights)
         self._weights, self._biases, self._linear = _by_use(self._adam.values, layers)
         self._weight_gradients, self._bias_gradients, self._linear_gradients = _by_use(self._adam.gradients, layers)
+        on_cpu = self._adam.gradient.is_cpu
+        self._activate = (_ACTIVATE if on_cpu else _ACTIVATE_IN_ONE_LAUNCH)[stack.activation]
+        self._change = self._gradients_and_change if on_cpu else Repeated(self._gradients_and_change)
+        self._unrolled: tuple[tuple[Courses, int], Repeated] | None = None
 
     @torch.no_grad()
     def update(
@@ -66,9 +74,8 @@ class StackTrainer:
 
         If the stack has shared layers, all members are trained on one batch: `x` is (1, sample, input).
         """
-        losses = self.gradients(x, target, weight)
-        self._adam.step()
-        return losses
+        self._adam.begin()
+        return self._change(x, target, weight, *self._masks(x))
 
     @torch.no_grad()
     def update_in_shares(
@@ -106,8 +113,19 @@ class StackTrainer:
         The loss of a sample is the mean over the steps from it that are known, `horizon` at most. Gradients are
         autograd's, through all steps. Nothing is dropped out.
         """
+        self._adam.begin()
+        change = partial(self._gradients_unrolled_and_change, courses, horizon)
+        if samples.is_cpu:
+            return change(samples, weight)
+        if self._unrolled is None or self._unrolled[0][0] is not courses or self._unrolled[0][1] != horizon:
+            self._unrolled = (courses, horizon), Repeated(change)
+        return self._unrolled[1](samples, weight)
+
+    def _gradients_unrolled_and_change(
+        self, courses: Courses, horizon: int, samples: Tensor, weight: Tensor
+    ) -> Float[Tensor, " member"]:
         losses = self.gradients_unrolled(courses, samples, weight, horizon)
-        self._adam.step()
+        self._adam.change()
         return losses
 
     def gradients_unrolled(
@@ -120,7 +138,8 @@ class StackTrainer:
         """Compute the gradient of the summed loss of `update_unrolled`; return the members' losses."""
         parameters = [*self.stack.weights, *self.stack.biases, *self.stack.linear]
         known = courses.steps(samples).clamp(max=horizon).unsqueeze(1)
-        share = (weight.unsqueeze(1) * (torch.arange(horizon).unsqueeze(1) < known) / known).flatten(1, 2)
+        steps = torch.arange(horizon, device=known.device).unsqueeze(1)
+        share = (weight.unsqueeze(1) * (steps < known) / known).flatten(1, 2)
         with torch.enable_grad():
             output, target = (each.flatten(1, 2) for each in courses.unroll(self.stack.forward_all, samples, horizon))
             losses, derivative = self._loss(output.detach(), target.detach(), share)
@@ -135,7 +154,16 @@ class StackTrainer:
         self, x: Float[Tensor, "member sample input"], target: Tensor, weight: Float[Tensor, "member sample"]
     ) -> Float[Tensor, " member"]:
         """Compute the gradient of the summed loss by all weights and biases; return the members' losses."""
-        activate, derive = _ACTIVATE[self.stack.activation], _DERIVATIVES[self.stack.activation]
+        return self._gradients(x, target, weight, *self._masks(x))
+
+    def _gradients_and_change(self, x: Tensor, target: Tensor, weight: Tensor, *kept: Tensor) -> Tensor:
+        losses = self._gradients(x, target, weight, *kept)
+        self._adam.change()
+        return losses
+
+    def _gradients(self, x: Tensor, target: Tensor, weight: Tensor, *kept: Tensor) -> Float[Tensor, " member"]:
+        """Do what `gradients` does, with what `_masks` has drawn."""
+        activate, derive = self._activate, _DERIVATIVES[self.stack.activation]
         members, shared, hidden = self.stack.members, self.stack.shared, x
         # What each layer is given, what that was before dropout, and by what it was multiplied.
         layer_inputs, activations, masks = list[Tensor](), list[Tensor](), list[Tensor | None]()
@@ -143,7 +171,7 @@ class StackTrainer:
             if layer:
                 hidden = activate(hidden)
             activations.append(hidden)
-            mask = self._mask(hidden)
+            mask = kept[layer].to(hidden.dtype).div_(self._keep) if kept else None
             if mask is not None:
                 hidden = hidden * mask
             masks.append(mask)
@@ -198,12 +226,21 @@ class StackTrainer:
         """Go on from what `state` returned."""
         self._adam.restore(state)
 
-    def _mask(self, values: Tensor) -> Tensor | None:
-        """Return 0 for what is dropped and for the rest a factor that keeps the expected sum; None if all is kept."""
+    def _masks(self, x: Float[Tensor, "*member sample input"]) -> list[Bool[Tensor, "*member sample input"]]:
+        """Draw which inputs of each layer are kept; those that are get a factor that keeps the expected sum.
+
+        Nothing is drawn if all are kept. It is drawn on the CPU, by the one generator that draws batches, too.
+        """
         if self._keep == 1.0:
-            return None
-        kept = torch.rand(values.shape, generator=self._generator) < self._keep
-        return kept.to(values.dtype).div_(self._keep)
+            return []
+        inner = [
+            (1 if layer <= self.stack.shared else self.stack.members, x.shape[1], width)
+            for layer, width in enumerate(self.stack.widths[1:-1], start=1)
+        ]
+        return [
+            sent(torch.rand(shape, generator=self._generator) < self._keep, x.device)
+            for shape in (tuple(x.shape), *inner)
+        ]
 
 
 def _by_use(tensors: list[Tensor], layers: int) -> tuple[list[Tensor], list[Tensor], list[Tensor]]:
@@ -222,6 +259,8 @@ _ACTIVATE: dict[Activation, Callable[[Tensor], Tensor]] = {
     "elu": nn.functional.elu_,
 }
 """The activation functions, in place."""
+_ACTIVATE_IN_ONE_LAUNCH: dict[Activation, Callable[[Tensor], Tensor]] = {**_ACTIVATE, "tanh": torch.tanh_}
+"""The same where a pass over the values costs more than what is computed of each."""
 
 
 def _relu_derivative(derivative: Tensor, output: Tensor) -> Tensor:

@@ -27,7 +27,7 @@ def augmented(target: str = "absolute", **params: float) -> tuple[MotionFeatures
 @pytest.mark.parametrize("target", ["absolute", "change", "trajectory_change"])
 def test_inputs_that_are_off_ask_for_the_same_outputs(target: str) -> None:
     features, samples, x, y = augmented(target, pose_noise=0.3, pose_mix=0.5, pose_shrink=0.5, gait_swap=0.5)
-    raw = x / features._input_scale + features._input_mean
+    raw = x / features._constants.input_scale + features._constants.input_mean
     torch.testing.assert_close(features.decode(y, raw), torch.from_numpy(MOTION.y), atol=1e-3, rtol=1e-4)
     assert not torch.allclose(x, samples.x)
 

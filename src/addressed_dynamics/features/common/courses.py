@@ -1,8 +1,9 @@
 """How it goes on after a sample, so that a network can be held to what its own predictions lead to."""
 
 from collections.abc import Callable
-from typing import Protocol
+from typing import Protocol, Self
 
+import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
@@ -12,6 +13,10 @@ Unrolled = tuple[Float[Tensor, "member step sample output"], Float[Tensor, "memb
 
 class Courses(Protocol):
     """What follows each sample in its episode."""
+
+    def to(self, device: torch.device) -> Self:
+        """Return the same on a device."""
+        ...
 
     def steps(self, samples: Int64[Tensor, "*batch"]) -> Int64[Tensor, "*batch"]:
         """Return how many steps in a row are known from each sample on: its own, and all to the end of its episode."""

@@ -56,6 +56,15 @@ class Windows:
     def __len__(self) -> int:
         return len(self.last)
 
+    @property
+    def device(self) -> torch.device:
+        """Where they are put together."""
+        return self.frames.device
+
+    def to(self, device: torch.device) -> "Windows":
+        """Return the same on a device."""
+        return Windows(self.frames.to(device), self.last.to(device), self.weights.to(device))
+
     def __getitem__(self, samples: Int64[Tensor, "*batch"] | slice) -> Float[Tensor, "*batch input"]:
         """Return the inputs of these samples."""
         (rows, columns), history = self.frames.shape, len(self.weights)
@@ -92,6 +101,18 @@ class Samples:
 
     def __len__(self) -> int:
         return len(self.x)
+
+    @property
+    def device(self) -> torch.device:
+        """Where they are."""
+        return self.y.device
+
+    def to(self, device: torch.device) -> "Samples":
+        """Return the same on a device: themselves if that is where they are."""
+        if self.device == device:
+            return self
+        courses = None if self.courses is None else self.courses.to(device)
+        return Samples(self.x.to(device), self.y.to(device), self.episode.to(device), self.step.to(device), courses)
 
     def first(self, rows: int) -> "Samples":
         """Return the first samples, at most `rows` of them."""

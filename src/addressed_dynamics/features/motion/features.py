@@ -6,9 +6,9 @@ one deviation, and the joints' inputs are made small.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from functools import cached_property
-from typing import Any, Literal, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 import torch
@@ -45,6 +45,15 @@ TARGET_FLOORS = {"cm": 0.01, "cm/frame": 1e-3, "rad": 1e-3, "rad/frame": 1e-4, "
 """Least deviation of a group of targets, by unit; what a joint adds to persistence is small."""
 _TRAJECTORY = ("trajectory_position_x", "trajectory_position_z", "trajectory_direction_x", "trajectory_direction_z")
 _AGO = OFFSETS[NOW] - OFFSETS[NOW - 1]
+
+
+class _Constants(NamedTuple):
+    """The numbers of `MotionFeatures` as tensors, float32."""
+
+    input_mean: Float[Tensor, " input"]
+    input_scale: Float[Tensor, " input"]
+    target_mean: Float[Tensor, " output"]
+    target_deviation: Float[Tensor, " output"]
 
 
 @dataclass(frozen=True)
@@ -97,19 +106,22 @@ class MotionFeatures:
         if x.ndim != 2 or x.shape[1] != self.inputs:
             message = f"inputs of frames should have shape (B, {self.inputs}), but have {tuple(x.shape)}"
             raise ModelError(message)
-        return (x.to(torch.float32) - self._input_mean) * self._input_scale
+        of = self._beside(x)
+        return (x.to(torch.float32) - of.input_mean) * of.input_scale
 
     def encode_target(self, x: Float[Tensor, "row 342"], y: Float[Tensor, "row 311"]) -> Float[Tensor, "row output"]:
         """Return the normalised targets of frames with inputs `x` and outputs `y`."""
         base = _base(x, self.target)
         target = y if base is None else y - base
-        return (target - self._target_mean) / self._target_deviation
+        of = self._beside(target)
+        return (target - of.target_mean) / of.target_deviation
 
     def decode(
         self, output: Float[Tensor, "*member row output"], x: Float[Tensor, "row 342"]
     ) -> Float[Tensor, "*member row 311"]:
         """Return the outputs of frames, in their own units, that a network means which was given `x`."""
-        target = output * self._target_deviation + self._target_mean
+        of = self._beside(output)
+        target = output * of.target_deviation + of.target_mean
         base = _base(x, self.target)
         return target if base is None else target + base
 
@@ -120,8 +132,9 @@ class MotionFeatures:
         target: Float[Tensor, "*batch output"],
     ) -> Float[Tensor, "*batch output"]:
         """Return targets that mean the same outputs for normalised inputs `x_other` as `target` does for `x`."""
-        change = _base(((x_other - x) / self._input_scale).flatten(end_dim=-2), self.target)
-        return target if change is None else target - change.view(target.shape) / self._target_deviation
+        of = self._beside(x)
+        change = _base(((x_other - x) / of.input_scale).flatten(end_dim=-2), self.target)
+        return target if change is None else target - change.view(target.shape) / of.target_deviation
 
     def samples(self, motion: Motion) -> Samples:
         """Return one sample for each frame of `motion`, in its order; an episode is a clip, a step a frame at 60 Hz."""
@@ -175,23 +188,29 @@ class MotionFeatures:
 
     # Made once: converting a thousand numbers costs more than a prediction's products, and a rollout has thousands.
     @cached_property
-    def _input_mean(self) -> Float[Tensor, " input"]:
-        return torch.tensor(self.input_mean)
-
-    @cached_property
-    def _input_scale(self) -> Float[Tensor, " input"]:
+    def _constants(self) -> _Constants:
         scale = 1.0 / torch.tensor(self.input_deviation)
         for block in JOINT_INPUTS:
             scale[INPUT[block]] *= self.joint_input_weight
-        return scale
+        return _Constants(
+            torch.tensor(self.input_mean), scale, torch.tensor(self.target_mean), torch.tensor(self.target_deviation)
+        )
+
+    def _beside(self, values: Tensor) -> _Constants:
+        """Return the numbers that frames are encoded and decoded with, where `values` are."""
+        if values.is_cpu:
+            return self._constants
+        if values.device not in self._elsewhere:
+            self._elsewhere[values.device] = _Constants(*(each.to(values.device) for each in self._constants))
+        return self._elsewhere[values.device]
 
     @cached_property
-    def _target_mean(self) -> Float[Tensor, " output"]:
-        return torch.tensor(self.target_mean)
+    def _elsewhere(self) -> dict[torch.device, _Constants]:
+        return {}
 
-    @cached_property
-    def _target_deviation(self) -> Float[Tensor, " output"]:
-        return torch.tensor(self.target_deviation)
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out what is made again when it is needed: another process may have no GPU."""
+        return {each.name: getattr(self, each.name) for each in fields(self)}
 
 
 def fit_motion_features(train: Motion, params: MotionFeatureParams) -> MotionFeatures:

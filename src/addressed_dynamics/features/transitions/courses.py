@@ -34,6 +34,11 @@ class TransitionCourses:
     last: Int[Tensor, " sample"]
     """The last row of its episode."""
 
+    def to(self, device: torch.device) -> TransitionCourses:
+        """Return the same on a device."""
+        tensors = (self.frames, self.observation, self.next_observation, self.first, self.last)
+        return TransitionCourses(self.features, *(each.to(device) for each in tensors))
+
     def steps(self, samples: Int64[Tensor, "*batch"]) -> Int64[Tensor, "*batch"]:
         """Return how many steps in a row are known from each sample on: its own, and all to the end of its episode."""
         return self.last[samples] - self.first[samples] + 1
@@ -43,9 +48,11 @@ class TransitionCourses:
     ) -> Unrolled:
         """Return what networks put out in `horizon` steps in a row, and what would have been right; see `Courses`."""
         features, last = self.features, self.last[samples].unsqueeze(1)
-        rows = torch.minimum(self.first[samples].unsqueeze(1) + torch.arange(horizon).unsqueeze(1), last)
+        device = samples.device
+        steps, before = torch.arange(horizon, device=device), torch.arange(1 - features.history, 1, device=device)
+        rows = torch.minimum(self.first[samples].unsqueeze(1) + steps.unsqueeze(1), last)
         state = self.observation[rows[:, 0]]
-        window = self.frames[rows[:, 0].unsqueeze(-1) + torch.arange(1 - features.history, 1)]
+        window = self.frames[rows[:, 0].unsqueeze(-1) + before]
         states, outputs = list[Tensor](), list[Tensor]()
         for step, frames in enumerate(self.frames[rows].unbind(dim=1)):
             if step:

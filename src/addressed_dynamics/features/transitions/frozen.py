@@ -17,7 +17,7 @@ class FrozenFeatures:
         """Take them from `features`."""
         self._features = features
         self._of = {name: value.numpy() for name, value in vars(features.constants).items()}
-        self._frame_weights = features.frame_weights.numpy()
+        self._frame_weights = features.constants.frame_weights.numpy()
         self._discrete = isinstance(features.spaces.action, DiscreteAction)
         self._states = slice(0, len(features.spaces.observation))
         self._known = slice(features.frame_inputs - len(features.spaces.exogenous), features.frame_inputs)

@@ -90,7 +90,7 @@ def samples_of(features: FeatureSpec, columns: Mapping[str, Tensor], *, courses:
     x: Tensor | Windows = frames
     if features.history > 1:
         assert rows is not None
-        x = Windows(frames, rows, features.frame_weights)
+        x = Windows(frames, rows, features.constants.frame_weights)
     following = None
     if courses:
         assert rows is not None

@@ -6,14 +6,14 @@ It is saved with every model, so that a model folder alone can predict from raw 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from functools import cached_property
 from itertools import chain
 from typing import Any, Literal
 
 import numpy as np
 import torch
-from jaxtyping import Float, Float64
+from jaxtyping import Float, Float64, Int64
 from torch import Tensor
 
 from addressed_dynamics.base.errors import ModelError, TransitionsError
@@ -64,6 +64,18 @@ class Constants:
     """What one unit of an output is, in the unit of its dimension."""
     middle: Float[Tensor, " output"]
     """What an output of 0 is, there."""
+    target_scale: Float[Tensor, " output"]
+    """Range of each predicted dimension of the state, in its unit."""
+    target_mean: Float[Tensor, " output"]
+    """Mean of each target, in multiples of that."""
+    predicted: Int64[Tensor, " output"]
+    """Dimensions of the state that a network predicts."""
+    frame_weights: Float[Tensor, "frame 1"]
+    """By what each frame of a window is multiplied, oldest first."""
+
+    def to(self, device: torch.device) -> Constants:
+        """Return the same on a device."""
+        return Constants(**{name: each.to(device) for name, each in vars(self).items()})
 
 
 @dataclass(frozen=True)
@@ -135,11 +147,6 @@ class FeatureSpec:
         """Dimensions of the state that a network predicts; the others are velocities that follow from the angles."""
         return predicted_dimensions(self.spaces, self.angles, self.velocity)
 
-    @property
-    def target_scale(self) -> Float[Tensor, " output"]:
-        """Range of each predicted dimension of the state, in its unit."""
-        return torch.tensor([self.scale[index] for index in self.predicted])
-
     def encode(
         self,
         observation: Float[Tensor, "sample ..."],
@@ -207,15 +214,15 @@ class FeatureSpec:
 
     def join(self, frames: Float[Tensor, "*batch frame"]) -> Float[Tensor, "*batch input"]:
         """Return the inputs of a network from normalised frames, (*batch, H, n), oldest first, or (*batch, n)."""
-        return frames if self.history == 1 else (frames * self.frame_weights).flatten(start_dim=-2)
+        return frames if self.history == 1 else (frames * self._beside(frames).frame_weights).flatten(start_dim=-2)
 
     def encode_target(
         self, observation: Float[Tensor, "*batch observation"], next_observation: Float[Tensor, "*batch observation"]
     ) -> Float[Tensor, "*batch output"]:
         """Return the normalised targets for states and the states that follow them."""
         target = next_observation - observation if self.target == "change" else next_observation
-        scaled = target[..., self.predicted] / self.target_scale
-        return (scaled - torch.tensor(self.target_mean)) / self.target_deviation
+        of = self._beside(target)
+        return (self._predicted_of(target) / of.target_scale - of.target_mean) / self.target_deviation
 
     def decode(
         self, output: Float[Tensor, "*member sample output"], observation: Float[Tensor, "*member sample observation"]
@@ -229,10 +236,10 @@ class FeatureSpec:
             output: what a network says.
             observation: the states before the step: of a history, the last frame; each member's own, or one for all.
         """
-        target = torch.addcmul(self.constants.middle, output, self.constants.unit)
+        of = self._beside(output)
+        target = torch.addcmul(of.middle, output, of.unit)
         if self.target == "change":
-            every = len(self.predicted) == observation.shape[-1]
-            target = target + (observation if every else observation[..., self.predicted])
+            target = target + self._predicted_of(observation)
         if not self.angles:
             return target
         columns = dict(zip(self.predicted, target.unbind(dim=-1), strict=True))
@@ -244,7 +251,7 @@ class FeatureSpec:
         self, frames: Float[Tensor, "*batch frame"], observation: Float[Tensor, "*batch observation"]
     ) -> Float[Tensor, "*batch frame"]:
         """Return normalised frames with other states (in the environment's units) in the place of theirs."""
-        of = self.constants
+        of = self._beside(observation)
         states = (observation - of.state_mean) / of.state_deviation
         return torch.cat([states, frames[..., observation.shape[-1] :]], dim=-1)
 
@@ -283,7 +290,7 @@ class FeatureSpec:
         weight, bias = torch.zeros(self.inputs, self.outputs), -torch.tensor(self.target_mean)
         if self.target == "absolute":
             last = self.inputs - len(self.input_mean)
-            size = float(self.frame_weights[-1])
+            size = float(self.constants.frame_weights[-1])
             for output, dimension in enumerate(self.predicted):
                 weight[last + dimension, output] = self.input_deviation[dimension] / self.scale[dimension] / size
                 bias[output] += self.input_mean[dimension] / self.scale[dimension]
@@ -299,7 +306,7 @@ class FeatureSpec:
             return None
         weight, bias = self.persistence
         last = self.inputs - self.frame_inputs
-        before, sizes = last - self.frame_inputs, self.frame_weights.flatten().tolist()
+        before, sizes = last - self.frame_inputs, self.constants.frame_weights.flatten().tolist()
         for output, dimension in enumerate(self.predicted):
             unit = self.input_deviation[dimension] / self.scale[dimension] / self.target_deviation
             weight[last + dimension, output] += unit / sizes[-1]
@@ -342,13 +349,6 @@ class FeatureSpec:
             raise ModelError(message) from error
         return spec
 
-    @property
-    def frame_weights(self) -> Float[Tensor, "frame 1"]:
-        """By what each frame of a window is multiplied, oldest first."""
-        weights = torch.full((self.history, 1), self.history_weight)
-        weights[-1] = 1.0
-        return weights / weights.square().mean().sqrt()
-
     def _check(self) -> None:
         if self.history < 1:
             message = f"history should be at least 1, but is {self.history}"
@@ -377,7 +377,7 @@ class FeatureSpec:
         Raises:
             ModelError: a shape is wrong, a discrete action does not exist, or exogenous inputs are missing.
         """
-        batch, of = observation.shape[:-1], self.constants
+        batch, of = observation.shape[:-1], self._beside(observation)
         states = (observation.to(torch.float32) - of.state_mean) / of.state_deviation
         known = self.encode_exogenous(exogenous, batch)
         parts = [states, self._encode_action(action, batch)]
@@ -386,7 +386,7 @@ class FeatureSpec:
         return torch.cat(parts, dim=-1)
 
     def _encode_action(self, action: Tensor, batch: tuple[int, ...]) -> Float[Tensor, "*batch action"]:
-        kind, of = self.spaces.action, self.constants
+        kind, of = self.spaces.action, self._beside(action)
         if isinstance(kind, DiscreteAction):
             if action.shape != batch or action.is_floating_point():
                 message = (
@@ -415,7 +415,9 @@ class FeatureSpec:
             mean, deviation = (
                 torch.split(torch.tensor(each), sizes) for each in (self.input_mean, self.input_deviation)
             )
-            scale = self.target_scale
+            scale = torch.tensor([self.scale[index] for index in self.predicted])
+            weights = torch.full((self.history, 1), self.history_weight)
+            weights[-1] = 1.0
             return Constants(
                 state_mean=mean[0],
                 state_deviation=deviation[0],
@@ -426,7 +428,34 @@ class FeatureSpec:
                 actions=(torch.eye(sizes[1]) - mean[1]) / deviation[1],
                 unit=self.target_deviation * scale,
                 middle=torch.tensor(self.target_mean) * scale,
+                target_scale=scale,
+                target_mean=torch.tensor(self.target_mean),
+                predicted=torch.tensor(self.predicted),
+                frame_weights=weights / weights.square().mean().sqrt(),
             )
+
+    def _beside(self, values: Tensor) -> Constants:
+        """Return the numbers that samples are encoded and decoded with, where `values` are."""
+        if values.is_cpu:
+            return self.constants
+        if values.device not in self._elsewhere:
+            self._elsewhere[values.device] = self.constants.to(values.device)
+        return self._elsewhere[values.device]
+
+    @cached_property
+    def _elsewhere(self) -> dict[torch.device, Constants]:
+        return {}
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out what is made again when it is needed: another process may have no GPU."""
+        return {each.name: getattr(self, each.name) for each in fields(self)}
+
+    def _predicted_of(self, state: Float[Tensor, "*batch observation"]) -> Float[Tensor, "*batch output"]:
+        """Return the dimensions of states that a network predicts."""
+        if len(self.predicted) == state.shape[-1]:
+            return state
+        # A tuple would be sent to a GPU every time.
+        return state[..., self.predicted] if state.is_cpu else state.index_select(-1, self._beside(state).predicted)
 
     def _turned(
         self, angle: Angle, columns: dict[int, Tensor], before: Float[Tensor, "sample observation"]
