@@ -57,7 +57,7 @@ def train_baselines(
     """
     experiment = stage.experiment
     keys = {f"{name}/seed-{seed}": (name, seed) for seed in seeds for name in plan if name != PAIR or seed == seeds[0]}
-    jobs = {key: _job(experiment, name, seed, plan[name], data[name]) for key, (name, seed) in keys.items()}
+    jobs = {key: _job(stage, name, seed, plan[name], data[name]) for key, (name, seed) in keys.items()}
     results, networks = dict[str, dict[str, float]](), dict[str, StackedMLP]()
     with atomic_path(models_dir(experiment) / "baselines") as folder:
 
@@ -82,7 +82,7 @@ def train_baselines(
 
         rows = train_tracked(stage, jobs, finish)
         addressing_jobs = {
-            key: _addressing_job(experiment, name, seed, plan[name], data[name], networks[key])
+            key: _addressing_job(stage, name, seed, plan[name], data[name], networks[key])
             for key, (name, seed) in keys.items()
             if plan[name].addressing is not None
         }
@@ -126,18 +126,21 @@ def _settings(baseline: Baseline) -> dict[str, Any]:
     return {"ensemble": baseline.training.model_dump(mode="json"), "addressing": addressing}
 
 
-def _job(experiment: str, name: str, seed: int, baseline: Baseline, data: TrainingData[Any]) -> TrackedJob:
+def _job(stage: Stage, name: str, seed: int, baseline: Baseline, data: TrainingData[Any]) -> TrackedJob:
     params = baseline.training
     training: Callable[..., Iterator[Epoch]]
     if isinstance(params, BlendedTraining):
-        training, seconds = _blended(baseline, params, data, seed), _blended_seconds(baseline, params, data)
+        training, seconds = (
+            _blended(baseline, params, data, seed),
+            _blended_seconds(baseline, params, data, stage.device),
+        )
     else:
         unit = data.features.loss_unit(reported_loss(params.loss))
         training = partial(
             train_ensemble, data.train, data.validation, params, seed=seed, loss_unit=unit, binning=baseline.binning,
             augment=data.augment, updates=baseline.updates,
         )  # fmt: skip
-        seconds = ensemble_seconds(data, params)
+        seconds = ensemble_seconds(data, params, stage.device)
     notes = {
         "baseline": name,
         "seed": seed,
@@ -145,8 +148,8 @@ def _job(experiment: str, name: str, seed: int, baseline: Baseline, data: Traini
         "updates": baseline.updates,
         "features": baseline.features.model_dump(mode="json"),
     }
-    title = f"{experiment} baseline {name} seed={seed}"
-    return resumable(training, title, notes, checkpoints_dir(experiment), data, seconds=seconds)
+    title, folder = f"{stage.experiment} baseline {name} seed={seed}", checkpoints_dir(stage.experiment)
+    return resumable(partial(training, device=stage.device), title, notes, folder, data, seconds=seconds)
 
 
 def _blended(
@@ -163,14 +166,16 @@ def _blended(
     )  # fmt: skip
 
 
-def _blended_seconds(baseline: Baseline, params: BlendedTraining, data: TrainingData[Any]) -> float:
+def _blended_seconds(
+    baseline: Baseline, params: BlendedTraining, data: TrainingData[Any], device: torch.device
+) -> float:
     brief = params.model_copy(update={"epochs": 2})
 
     def training(samples: Samples) -> Iterator[Epoch]:
         phase = torch.linspace(0.0, 1.0, len(samples))
         if baseline.by_phase:
-            return train_phase_functioned(samples, phase, samples, phase, brief, seed=0)
-        return train_gated(samples, samples, brief, seed=0, augment=data.augment)
+            return train_phase_functioned(samples, phase, samples, phase, brief, seed=0, device=device)
+        return train_gated(samples, samples, brief, seed=0, augment=data.augment, device=device)
 
     features, size = data.features, params.batch_size
     each = seconds_per_update(training, inputs=features.inputs, outputs=features.outputs, members=1, batch_size=size)
@@ -178,22 +183,22 @@ def _blended_seconds(baseline: Baseline, params: BlendedTraining, data: Training
 
 
 def _addressing_job(
-    experiment: str, name: str, seed: int, baseline: Baseline, data: TrainingData[Any], network: StackedMLP
+    stage: Stage, name: str, seed: int, baseline: Baseline, data: TrainingData[Any], network: StackedMLP
 ) -> TrackedJob:
     params = baseline.addressing
     assert params is not None
     loss = reported_loss(baseline.training.loss)
     unit = data.features.loss_unit(loss)
-    on_train, on_validation = scaled_profiles(network, data, loss, unit, f"profiles-{name}-{seed}")
+    on_train, on_validation = scaled_profiles(network, data, loss, unit, f"profiles-{name}-{seed}", stage.device)
     training = partial(
         train_addressing, data.train, on_train, data.validation, on_validation, params, seed=seed, variant="plain",
-        augment=data.augment,
+        augment=data.augment, device=stage.device,
     )  # fmt: skip
     notes = {"baseline": name, "seed": seed, "recipe": params.model_dump(mode="json")}
     title, seconds = (
-        f"{experiment} baseline {name} addressing seed={seed}",
-        addressing_seconds(data, network.members, params),
+        f"{stage.experiment} baseline {name} addressing seed={seed}",
+        addressing_seconds(data, network.members, params, stage.device),
     )
     return resumable(
-        training, title, notes, checkpoints_dir(experiment), data, on_train, on_validation, seconds=seconds
+        training, title, notes, checkpoints_dir(stage.experiment), data, on_train, on_validation, seconds=seconds
     )

@@ -33,13 +33,20 @@ def choose_members(
     jobs = {
         name: resumable(
             partial(
-                train_ensemble, data.train, data.validation, params, seed=seed, loss_unit=unit, augment=data.augment
+                train_ensemble,
+                data.train,
+                data.validation,
+                params,
+                seed=seed,
+                loss_unit=unit,
+                augment=data.augment,
+                device=stage.device,
             ),
             f"{stage.experiment} brief ensemble n={params.members} seed={seed}",
             {"ensemble": params.model_dump(mode="json"), "seed": seed},
             checkpoints_dir(stage.experiment),
             data,
-            seconds=ensemble_seconds(data, params),
+            seconds=ensemble_seconds(data, params, stage.device),
         )
         for name, params in sizes.items()
     }
@@ -62,10 +69,10 @@ def choose_members(
 
 def _addressing(stage: Stage, data: TrainingData[Features], network: StackedMLP, loss: str, seed: int) -> TrackedJob:
     unit = data.features.loss_unit(loss)
-    on_train, on_validation = scaled_profiles(network, data, loss, unit, f"profiles-{network.members}")
+    on_train, on_validation = scaled_profiles(network, data, loss, unit, f"profiles-{network.members}", stage.device)
     training = partial(
         train_addressing, data.train, on_train, data.validation, on_validation, BRIEF_ADDRESSING, seed=seed,
-        variant="plain", augment=data.augment,
+        variant="plain", augment=data.augment, device=stage.device,
     )  # fmt: skip
     return resumable(
         training,

@@ -72,16 +72,16 @@ def available_cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def training_processes() -> int:
+def training_processes(*, gpu: bool = False) -> int:
     """Return how many trainings run at the same time, each in a process with one thread.
 
-    As many as there are cores, or as the environment variable `ADDRESSED_DYNAMICS_PROCESSES` says: no param, because
-    what comes out does not depend on it.
+    As many as there are cores, or one on a GPU, which several would share; or as the environment variable
+    `ADDRESSED_DYNAMICS_PROCESSES` says: no param, because what comes out does not depend on it.
 
     Raises:
         ParamsError: the variable is no positive whole number.
     """
-    return _positive(PROCESSES, available_cores())
+    return _positive(PROCESSES, 1 if gpu else available_cores())
 
 
 def training_workers() -> int:

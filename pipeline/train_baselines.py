@@ -5,7 +5,7 @@ Beside them, if params ask for it, an ensemble of two is trained for a figure of
 
 from addressed_dynamics.base.kinds import supplied
 from addressed_dynamics.base.params.experiments import load_recipes
-from addressed_dynamics.base.torch_runtime import prepare_torch
+from addressed_dynamics.base.torch_runtime import computing_device, prepare_torch
 from addressed_dynamics.training.baselines import plan_baselines
 from pipeline.baselines import train_baselines
 from pipeline.stage import Call, figures_dir, run_stage, tables_dir, training_processes
@@ -17,6 +17,7 @@ def main(call: Call) -> str:
     kind, tables = supplied("features", call.kind), tables_dir(call.experiment)
     chosen, other = load_recipes(call.params_file, call.experiment, call.kind)
     prepare_torch(threads=1)
+    device = computing_device()
     spool = training_spool(call.experiment, "train_baselines")
     data = kind.load_training_data(tables, chosen, chosen.features, spool=spool)
     width, samples = data.features, len(data.train)
@@ -31,7 +32,13 @@ def main(call: Call) -> str:
         else kind.load_training_data(tables, each.sections, each.features, augmented=not each.by_phase, spool=spool)
         for name, each in plan.items()
     }
-    stage = Stage("train_baselines", call.experiment, call.params_file, training_processes())
+    stage = Stage(
+        "train_baselines",
+        call.experiment,
+        call.params_file,
+        training_processes(gpu=device.type != "cpu"),
+        device=device,
+    )
     results = train_baselines(stage, plan, own, data, chosen.baselines.seeds)
     for each in (data, *own.values()):
         each.discard()

@@ -2,7 +2,7 @@
 
 from addressed_dynamics.base.kinds import supplied
 from addressed_dynamics.base.params.experiments import load_experiment
-from addressed_dynamics.base.torch_runtime import prepare_torch
+from addressed_dynamics.base.torch_runtime import computing_device, prepare_torch
 from pipeline.choosing import choice_words, choose_members
 from pipeline.stage import (
     Call,
@@ -20,9 +20,17 @@ def main(call: Call) -> str:
     """Train the ensembles of an experiment; return what came out."""
     sections, kind = load_experiment(call.params_file, call.experiment, call.kind), supplied("features", call.kind)
     prepare_torch(threads=1)
+    device = computing_device()
     spool = training_spool(call.experiment, "train_ensemble")
     data = kind.load_training_data(tables_dir(call.experiment), sections, sections.features, spool=spool)
-    stage = Stage("train_ensemble", call.experiment, call.params_file, training_processes(), training_workers())
+    stage = Stage(
+        "train_ensemble",
+        call.experiment,
+        call.params_file,
+        training_processes(gpu=device.type != "cpu"),
+        training_workers(),
+        device=device,
+    )
     params, members, brief_jobs = choose_members(stage, data, sections.ensemble)
     choices = {**data.choices, **({"members": members} if members else {})}
     features = sections.features.model_dump(mode="json") | {name: each.chosen for name, each in data.choices.items()}

@@ -15,6 +15,7 @@ from addressed_dynamics.base.errors import ModelError
 from addressed_dynamics.base.files import atomic_path, write_json, write_rows
 from addressed_dynamics.base.memory import memory_for_samples
 from addressed_dynamics.base.params.training import AddressingParams, AddressingTraining, EnsembleParams
+from addressed_dynamics.base.torch_runtime import CPU
 from addressed_dynamics.features.common.samples import Samples, fingerprint
 from addressed_dynamics.features.common.spool import Spool, beside, release
 from addressed_dynamics.features.common.training_data import Choice, Features, TrainingData
@@ -23,7 +24,7 @@ from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.tracking import Run
 from addressed_dynamics.training.addressing import confusion_matrix, train_addressing
 from addressed_dynamics.training.checkpoints import Checkpoint
-from addressed_dynamics.training.ensemble import evaluate_profiles, train_ensemble
+from addressed_dynamics.training.ensemble import profiles_on, train_ensemble
 from addressed_dynamics.training.epochs import Epoch, updates_per_epoch
 from addressed_dynamics.training.estimates import all_done, in_words, seconds_per_update
 from addressed_dynamics.training.jobs import Job, run_jobs
@@ -79,6 +80,8 @@ class Stage:
     """Trainings at the same time."""
     workers: int = 1
     """Workers of a cluster that do each of them together."""
+    device: torch.device = CPU
+    """What they compute on."""
 
 
 def training_spool(experiment: str, stage: str) -> Spool:
@@ -154,11 +157,18 @@ def train_ensembles(
         choices: what was chosen on validation samples before, by key; kept with the metrics.
     """
     experiment, unit = stage.experiment, data.features.loss_unit(reported_loss(params.loss))
-    seconds = ensemble_seconds(data, params)
+    seconds = ensemble_seconds(data, params, stage.device)
     jobs = {
         f"seed-{seed}": resumable(
             partial(
-                train_ensemble, data.train, data.validation, params, seed=seed, loss_unit=unit, augment=data.augment
+                train_ensemble,
+                data.train,
+                data.validation,
+                params,
+                seed=seed,
+                loss_unit=unit,
+                augment=data.augment,
+                device=stage.device,
             ),
             f"{experiment} ensemble n={params.members} lr={params.optimiser.learning_rate:g} seed={seed}",
             {**recipe, "seed": seed},
@@ -188,14 +198,14 @@ def train_ensembles(
     return results
 
 
-def ensemble_seconds(data: TrainingData[Features], params: EnsembleParams) -> float:
+def ensemble_seconds(data: TrainingData[Features], params: EnsembleParams, device: torch.device) -> float:
     """Return about how long one ensemble trains, a single network if it has one member."""
     brief = params.model_copy(update={"epochs": 2, "cluster_epochs": 1, "restart": False})
 
     def training(samples: Samples) -> Iterator[Epoch]:
         # Networks can go on from their own predictions in real episodes alone.
         some = samples if params.horizon == 1 else data.train.first(len(samples))
-        return train_ensemble(some, some, brief, seed=0, loss_unit=1.0, augment=data.augment)
+        return train_ensemble(some, some, brief, seed=0, loss_unit=1.0, augment=data.augment, device=device)
 
     each = seconds_per_update(
         training,
@@ -249,15 +259,15 @@ def train_addressings(
     experiment, members = stage.experiment, next(iter(ensembles.values())).stack.members
     if members == 1:
         params = params.model_copy(update=NOTHING_TO_CHOOSE)
-    seconds = addressing_seconds(data, members, params)
+    seconds = addressing_seconds(data, members, params, stage.device)
     jobs, profiles = dict[str, TrackedJob](), dict[str, Tensor]()
     for seed, ensemble in ensembles.items():
         loss = reported_loss(ensemble.notes["params"]["ensemble"]["loss"])
         unit = data.features.loss_unit(loss)
-        on_train, on_validation = scaled_profiles(ensemble.stack, data, loss, unit, f"profiles-{seed}")
+        on_train, on_validation = scaled_profiles(ensemble.stack, data, loss, unit, f"profiles-{seed}", stage.device)
         training = partial(
             train_addressing, data.train, on_train, data.validation, on_validation, params, seed=seed,
-            augment=data.augment,
+            augment=data.augment, device=stage.device,
         )  # fmt: skip
         for variant in params.variants:
             name = f"seed-{seed}/{variant}"
@@ -294,14 +304,14 @@ def train_addressings(
 
 
 def scaled_profiles(
-    stack: StackedMLP, data: TrainingData[Any], loss: str, unit: float, name: str
+    stack: StackedMLP, data: TrainingData[Any], loss: str, unit: float, name: str, device: torch.device
 ) -> tuple[Tensor, Tensor]:
     """Return the loss profiles of all training and validation samples, times `unit`.
 
-    Those of samples that are larger than memory lie beside them, under this name.
+    They are evaluated on the device. Those of samples that are larger than memory lie beside them, under this name.
     """
     on_train, on_validation = (
-        evaluate_profiles(stack, part, loss, make=beside(part, name)).mul_(unit)
+        profiles_on(device, stack, part, loss, make=beside(part, name)).mul_(unit)
         for part in (data.train, data.validation)
     )
     release(on_train, on_validation)
@@ -315,14 +325,16 @@ def deliver(seed: int, choice: str, variants: tuple[str, ...], results: Mapping[
     return min(variants, key=lambda variant: results[f"seed-{seed}/{variant}"]["regret/mean"])
 
 
-def addressing_seconds(data: TrainingData[Features], members: int, params: AddressingTraining) -> float:
+def addressing_seconds(
+    data: TrainingData[Features], members: int, params: AddressingTraining, device: torch.device
+) -> float:
     """Return about how long one addressing network trains."""
     brief = params.model_copy(update={"epochs": 2})
 
     def training(samples: Samples) -> Iterator[Epoch]:
         profiles = torch.rand(len(samples), members, generator=torch.Generator().manual_seed(0))
         return train_addressing(
-            samples, profiles, samples, profiles, brief, seed=0, variant="plain", augment=data.augment
+            samples, profiles, samples, profiles, brief, seed=0, variant="plain", augment=data.augment, device=device
         )
 
     each = seconds_per_update(

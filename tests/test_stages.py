@@ -12,13 +12,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import torch
 from example_params import EXAMPLE, MOTION, segment, write_params
 
 from addressed_dynamics.base.errors import LogError, ParamsError
 from addressed_dynamics.episodes.parquet import load_transitions
 from addressed_dynamics.sources.motion.splits import MOTION_SPLITS
 from addressed_dynamics.sources.motion.tables import read_columns
-from pipeline import convert, record
+from pipeline import convert, record, train_baselines, train_ensemble
 from pipeline.stage import Call, available_cores, counted, first_of, median_of, run_stage, training_processes
 
 ROOT = Path(__file__).parents[1]
@@ -194,8 +195,9 @@ def test_sigterm_cleans_up_like_ctrl_c(monkeypatch: pytest.MonkeyPatch, capsys: 
 def test_the_number_of_trainings_at_the_same_time_is_a_setting_of_the_machine(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("ADDRESSED_DYNAMICS_PROCESSES", raising=False)
     assert training_processes() == available_cores()
+    assert training_processes(gpu=True) == 1
     monkeypatch.setenv("ADDRESSED_DYNAMICS_PROCESSES", "3")
-    assert training_processes() == 3
+    assert training_processes() == training_processes(gpu=True) == 3
     for wrong in ("0", "-1", "two", ""):
         monkeypatch.setenv("ADDRESSED_DYNAMICS_PROCESSES", wrong)
         with pytest.raises(ParamsError, match=f"should be a positive whole number, but is '{wrong}'"):
@@ -216,6 +218,24 @@ def motion_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     write_params(tmp_path / "some.yaml", car=MOTION)
     return tmp_path
+
+
+def test_a_gpu_that_is_asked_for_and_not_there_is_one_line_before_anything_is_read(
+    motion_folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("ADDRESSED_DYNAMICS_DEVICE", "cuda")
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    deterministic = torch.are_deterministic_algorithms_enabled()
+    for stage in (train_ensemble, train_baselines):
+        try:
+            assert call(monkeypatch, stage.main, "--kind", "motion") == 1
+        finally:
+            torch.use_deterministic_algorithms(mode=deterministic)
+        error = capsys.readouterr().err.removesuffix("\n")
+        assert error.startswith("error: ADDRESSED_DYNAMICS_DEVICE asks for 'cuda:0', but torch ")
+        assert error.endswith("or unset ADDRESSED_DYNAMICS_DEVICE for the CPU")
+        assert "\n" not in error
+    assert list(motion_folder.iterdir()) == [motion_folder / "some.yaml"]
 
 
 @pytest.mark.slow

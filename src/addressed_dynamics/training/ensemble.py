@@ -264,7 +264,10 @@ def profiles_on(
     device: torch.device, stack: StackedMLP, samples: Samples, loss: str, *, make: Make = torch.empty
 ) -> Float[Tensor, "sample member"]:
     """Return what `evaluate_profiles` does, of networks and samples of the CPU and there, but evaluated on a device."""
-    return evaluate_profiles(stack.on(device), samples.to(device), loss, make=make).cpu()
+    if device == CPU:
+        return evaluate_profiles(stack, samples, loss, make=make)
+    found = evaluate_profiles(stack.on(device), samples.to(device), loss)
+    return make(tuple(found.shape), dtype=found.dtype).copy_(found)
 
 
 def _unrolled(
