@@ -177,3 +177,21 @@ def pretended_gpu() -> Iterator[PretendedGpu]:
         patch.setattr(graphs, "capture", gpu.capture)
         with gpu:
             yield gpu
+
+
+NO_GPU = "there is no GPU here, so what one computes itself is not looked at"
+GPUS = pytest.mark.parametrize(
+    "kind",
+    ["pretended", pytest.param("real", marks=pytest.mark.skipif(not torch.cuda.is_available(), reason=NO_GPU))],
+)
+"""For tests of a GPU that is pretended and of a real one."""
+
+
+@contextmanager
+def gpu(kind: str) -> Iterator[torch.device]:
+    """Yield the device of that kind."""
+    if kind == "pretended":
+        with pretended_gpu():
+            yield GPU
+    else:
+        yield torch.device("cuda", 0)

@@ -1,7 +1,6 @@
 """Trainings on a device: what comes out, and that updates wait for nothing. Where there is no GPU, one is pretended."""
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -11,8 +10,7 @@ import pytest
 import torch
 from learning import ADDRESSING, ENSEMBLE, car_samples, drive
 from motions import make_motion
-from pretended_gpu import GPU as PRETENDED
-from pretended_gpu import pretended_gpu
+from pretended_gpu import GPU, GPUS, gpu, pretended_gpu
 
 from addressed_dynamics.base.params.sections import OptimiserParams
 from addressed_dynamics.base.params.training import BlendedTraining
@@ -93,22 +91,6 @@ TRAININGS: dict[str, Callable[..., Training]] = {
     "gate": partial(blended, "gate"),
     "phase": partial(blended, "phase"),
 }
-NO_GPU = "there is no GPU here, so what it computes itself is not looked at"
-
-
-@contextmanager
-def gpu(kind: str) -> Iterator[torch.device]:
-    if kind == "pretended":
-        with pretended_gpu():
-            yield PRETENDED
-    else:
-        yield torch.device("cuda", 0)
-
-
-GPUS = pytest.mark.parametrize(
-    "kind",
-    ["pretended", pytest.param("real", marks=pytest.mark.skipif(not torch.cuda.is_available(), reason=NO_GPU))],
-)
 
 
 def assert_alike(one: Epoch, other: Epoch) -> None:
@@ -138,7 +120,7 @@ def test_the_processor_waits_for_the_device_once_an_epoch_and_not_for_updates(na
     for batch_size in (8, 16):
         # Epochs that are not the first: samples are sent once, and shapes are seen.
         with pretended_gpu() as pretended:
-            epochs = TRAININGS[name](batch_size=batch_size)(device=PRETENDED)
+            epochs = TRAININGS[name](batch_size=batch_size)(device=GPU)
             next(epochs)
             before = pretended.waits
             next(epochs)
@@ -151,7 +133,7 @@ def test_an_update_that_has_been_made_twice_is_a_single_launch_beside_its_batch(
     per_update = []
     for batch_size in (4, 8):
         with pretended_gpu() as pretended:
-            epochs = TRAININGS[name](batch_size=batch_size, epochs=4)(device=PRETENDED)
+            epochs = TRAININGS[name](batch_size=batch_size, epochs=4)(device=GPU)
             third = list(islice(epochs, 3))[-1]
             before = pretended.launches
             fourth = next(epochs)

@@ -267,11 +267,7 @@ def predictor_of(model: AddressedDynamics, mode: Mode, generator: torch.Generato
     """Return a model in a mode as a predictor, which says what `AddressedDynamics.predict` does."""
 
     def predict(points: Points, point: Tensor) -> Tensor:
-        x, probabilities = points.x(model.features)[point], points.probabilities(model)[point]
-        outputs = points.outputs(model)[:, point] if mode == "mixture" else None
-        return _decoded(
-            model, points, point, model.combined(x, probabilities, mode, outputs=outputs, generator=generator)
-        )
+        return _decoded(model, points, point, points.combined(model, point, mode, generator))
 
     return predict
 

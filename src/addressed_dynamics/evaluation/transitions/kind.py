@@ -10,7 +10,7 @@ from jaxtyping import Float64
 
 from addressed_dynamics.base.errors import EvaluationError
 from addressed_dynamics.base.params.training import EnsembleParams
-from addressed_dynamics.base.torch_runtime import prepare_torch
+from addressed_dynamics.base.torch_runtime import computing_device, prepare_torch
 from addressed_dynamics.episodes.index import read_episodes
 from addressed_dynamics.episodes.parquet import load_transitions
 from addressed_dynamics.episodes.splits import Split
@@ -69,12 +69,13 @@ EVALUATED: tuple[Split, ...] = ("train", "test")
 def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int) -> Evaluated:
     """Evaluate the models in the folder `models` on the held-out episodes in `tables`."""
     prepare_torch(threads=cores)
+    device = computing_device()
     ensembles, delivered = load_ensembles(models)
     first = next(iter(ensembles))
     model = ensembles[first][delivered[first]]
     recipe = ensemble_recipe(models, first)
     loss = reported_loss(recipe.loss)
-    points = {split: Points.of(load_transitions(tables, split=split), model.features) for split in EVALUATED}
+    points = {split: Points.of(load_transitions(tables, split=split), model.features, device) for split in EVALUATED}
     segments = {each.episode: each.segment for each in read_episodes(tables / "episodes.parquet")}
     truth = true_rollouts(params.rollouts, points["test"].transitions, model.features.history, segments)
     candidates = [
@@ -82,8 +83,8 @@ def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int
         *baseline_candidates(models / "baselines", model),
         *recorded_change(model.features),
     ]
-    predicted = roll_out(candidates, truth, cores=cores)
-    validation = Points.of(load_transitions(tables, split="validation"), model.features)
+    predicted = roll_out(candidates, truth, cores=cores, device=device)
+    validation = Points.of(load_transitions(tables, split="validation"), model.features, device)
     found = recommend(candidates, validation, params.rollouts, segments, cores=cores)
     chosen, name = deliver(params.deliver, Choice(ENSEMBLE, first, delivered[first], "argmax"), found)
     dimensions, scale = model.features.spaces.observation, np.array(model.features.scale)

@@ -9,11 +9,14 @@ import torch
 from jaxtyping import Float, Float32, Int32, Int64
 from torch import Tensor
 
+from addressed_dynamics.base.torch_runtime import CPU
 from addressed_dynamics.episodes.transitions import Transitions
 from addressed_dynamics.features.transitions.spec import FeatureSpec
 from addressed_dynamics.features.transitions.windows import window_rows, windows
 from addressed_dynamics.networks.stacked import in_chunks
 from addressed_dynamics.simulators.addressed import AddressedDynamics
+from addressed_dynamics.simulators.modes import Mode
+from addressed_dynamics.simulators.on_device import ModelOnDevice
 
 
 @dataclass(frozen=True)
@@ -29,13 +32,17 @@ class Points:
     """All transitions, those without enough frames before them included."""
     rows: Int64[np.ndarray, " point"]
     """Rows of the transitions that are points."""
+    device: torch.device = CPU
+    """Where networks are evaluated; what they say is kept on the CPU."""
     _kept: dict[Hashable, Tensor] = field(default_factory=dict, repr=False, compare=False)
     """What was computed, by what it was computed of and with."""
+    _there: dict[AddressedDynamics, ModelOnDevice] = field(default_factory=dict, repr=False, compare=False)
+    """Models that were sent to the device."""
 
     @staticmethod
-    def of(transitions: Transitions, features: FeatureSpec) -> "Points":
+    def of(transitions: Transitions, features: FeatureSpec, device: torch.device = CPU) -> "Points":
         """Return the points of `transitions`: those with `features.history` - 1 transitions of their episode before."""
-        return Points(features, transitions, window_rows(transitions, features.history))
+        return Points(features, transitions, window_rows(transitions, features.history), device)
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -100,12 +107,35 @@ class Points:
     def outputs(self, model: AddressedDynamics) -> Float[Tensor, "member point output"]:
         """Return the outputs of every member, normalised as targets are."""
         x = self.x(model.features)
-        return self._once(("outputs", model.features, model.ensemble), lambda point: model.ensemble(x[point]), 1)
+
+        def outputs(point: Tensor) -> Tensor:
+            if self.device == CPU:
+                return model.ensemble(x[point])  # type: ignore[no-any-return] # a module's call is not typed
+            return self._on_device(model).outputs(x[point].to(self.device)).cpu()
+
+        return self._once(("outputs", model.features, model.ensemble), outputs, 1)
 
     def probabilities(self, model: AddressedDynamics) -> Float[Tensor, "point member"]:
         """Return the softmax of the addressing network's outputs."""
         x, key = self.x(model.features), ("probabilities", model.features, model.addressing or model.ensemble)
-        return self._once(key, lambda point: model.probabilities_of(x[point]), 0)
+
+        def probabilities(point: Tensor) -> Tensor:
+            if self.device == CPU:
+                return model.probabilities_of(x[point])
+            return self._on_device(model).probabilities_of(x[point].to(self.device)).cpu()
+
+        return self._once(key, probabilities, 0)
+
+    def combined(
+        self, model: AddressedDynamics, point: Int64[Tensor, " chosen"], mode: Mode, generator: torch.Generator | None
+    ) -> Float[Tensor, "chosen output"]:
+        """Return what a mode makes of the members' outputs for some points, normalised as targets are."""
+        x, probabilities = self.x(model.features)[point], self.probabilities(model)[point]
+        outputs = self.outputs(model)[:, point] if mode == "mixture" else None
+        if self.device == CPU or outputs is not None:
+            return model.combined(x, probabilities, mode, outputs=outputs, generator=generator)
+        sent = x.to(self.device), probabilities.to(self.device)
+        return self._on_device(model).combined(*sent, mode, generator=generator).cpu()
 
     def losses(self, model: AddressedDynamics, loss: str) -> Float[Tensor, "member point"]:
         """Return the loss (`mse` or `mae`) of every point under every member.
@@ -120,6 +150,11 @@ class Points:
             kind: Literal["mse", "mae"] = "mse" if loss == "mse" else "mae"
             self._kept[key] = each.mean(dim=-1) * model.features.loss_unit(kind)
         return self._kept[key]
+
+    def _on_device(self, model: AddressedDynamics) -> ModelOnDevice:
+        if model not in self._there:
+            self._there[model] = ModelOnDevice(model, self.device)
+        return self._there[model]
 
     def _once(self, key: Hashable, function: Callable[[Tensor], Tensor], sample_dim: int) -> Tensor:
         """Return `function` of the numbers of all points, in blocks; computed at the first call with this key."""

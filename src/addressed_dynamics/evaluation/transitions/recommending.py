@@ -109,7 +109,7 @@ def recommend(
     truth = true_rollouts(params, points.transitions, points.features.history, dict(segments))
     # A model that draws its members answers otherwise each time.
     loadable = [each for each in candidates if each.model is not None and each.mode != "sample"]
-    predicted = roll_out(loadable, truth, cores=cores)
+    predicted = roll_out(loadable, truth, cores=cores, device=points.device)
     scores = {each.name: _score(each, points, predicted[each.name], truth) for each in loadable}
     best, better = choose(scores)
     courses = {each.name: _course(points, predicted[each.name], truth) for each in loadable}

@@ -12,6 +12,7 @@ import torch
 from jaxtyping import Float32, Float64
 
 from addressed_dynamics.base.threads import single_thread
+from addressed_dynamics.base.torch_runtime import CPU
 from addressed_dynamics.episodes.transitions import Dimension, SpaceSpec, Transitions
 from addressed_dynamics.evaluation.transitions.candidates import Candidate
 from addressed_dynamics.evaluation.transitions.horizons import percent_of_range
@@ -27,6 +28,7 @@ from addressed_dynamics.evaluation.transitions.spreads import (
 from addressed_dynamics.evaluation.transitions.truth import TrueRollouts
 from addressed_dynamics.simulators.addressed import AddressedDynamics
 from addressed_dynamics.simulators.modes import Mode
+from addressed_dynamics.simulators.on_device import rolled_out
 from addressed_dynamics.sources.transitions.params import EnvironmentRollouts, RecordedRollouts
 
 LEFT_BOUNDS_TOLERANCE = 0.01
@@ -38,29 +40,34 @@ FLOWN_WIDTHS = 1.0
 times the width of that range, or is no number."""
 
 
-def free_run(model: AddressedDynamics, truth: TrueRollouts, mode: Mode) -> Float32[np.ndarray, "episode step state"]:
+def free_run(
+    model: AddressedDynamics, truth: TrueRollouts, mode: Mode, device: torch.device = CPU
+) -> Float32[np.ndarray, "episode step state"]:
     """Return the states that a model predicts from the true first states (its whole history) and the actions alone.
 
     Beside the actions it is given the exogenous inputs, if there are any. The same models give the same states, in the
-    mode `sample` too.
+    mode `sample` too; on another device, the same up to rounding and what grows of it.
     """
     history, actions, exogenous = truth.given
     generator = torch.Generator().manual_seed(0)
     with single_thread():
-        return model.rollout(history, actions, mode, exogenous=exogenous, generator=generator)
+        return rolled_out(model, device, history, actions, mode, exogenous=exogenous, generator=generator)
 
 
 def roll_out(
-    candidates: Sequence[Candidate], truth: TrueRollouts, *, cores: int
+    candidates: Sequence[Candidate], truth: TrueRollouts, *, cores: int, device: torch.device = CPU
 ) -> dict[str, Float32[np.ndarray, "episode step state"]]:
     """Return what each candidate that can be rolled out predicts, by its name; so many run at once, each in a thread.
 
-    Threads are enough, because most of the time goes into products of matrices.
+    Threads are enough, because most of the time goes into products of matrices. A GPU does them one after the other.
     """
+    cores = cores if device == CPU else 1
     models = {each.name: (each.model, each.mode) for each in candidates if each.model is not None}
     # All threads together: one that ends must not give torch its threads back while others go on.
     with single_thread(), ThreadPoolExecutor(max(1, min(cores, len(models)))) as pool:
-        return dict(zip(models, pool.map(lambda each: free_run(each[0], truth, each[1]), models.values()), strict=True))
+        return dict(
+            zip(models, pool.map(lambda each: free_run(each[0], truth, each[1], device), models.values()), strict=True)
+        )
 
 
 def evaluate_rollouts(
