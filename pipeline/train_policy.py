@@ -3,7 +3,7 @@
 from addressed_dynamics import tracking
 from addressed_dynamics.base.files import atomic_path
 from addressed_dynamics.base.params.experiments import load_experiment
-from addressed_dynamics.base.torch_runtime import prepare_torch
+from addressed_dynamics.base.torch_runtime import computing_device, prepare_torch
 from addressed_dynamics.episodes.parquet import load_transitions
 from addressed_dynamics.policies.records import FIGURES
 from addressed_dynamics.policies.suite import train_policy, write_outcome
@@ -19,10 +19,15 @@ def main(call: Call) -> str:
             write_outcome(folder, None)
         return "no policy is asked for"
     prepare_torch(threads=1)
+    device = computing_device()
     learners = 2 if params.environment is None else 3
     with progress("learning", "decision", learners * params.decisions) as bar:
         outcome = train_policy(
-            models_dir(experiment), lambda: load_transitions(tables_dir(experiment), "train"), params, bar.update
+            models_dir(experiment),
+            lambda: load_transitions(tables_dir(experiment), "train"),
+            params,
+            bar.update,
+            device,
         )
     with atomic_path(target) as folder:
         write_outcome(folder, outcome)

@@ -233,7 +233,7 @@ def test_a_gpu_that_is_asked_for_and_not_there_is_one_line_before_anything_is_re
             torch.use_deterministic_algorithms(mode=deterministic)
         error = capsys.readouterr().err.removesuffix("\n")
         assert error.startswith("error: ADDRESSED_DYNAMICS_DEVICE asks for 'cuda:0', but torch ")
-        assert error.endswith("or unset ADDRESSED_DYNAMICS_DEVICE for the CPU")
+        assert error.endswith("or leave ADDRESSED_DYNAMICS_DEVICE out for the CPU")
         assert "\n" not in error
     assert list(motion_folder.iterdir()) == [motion_folder / "some.yaml"]
 

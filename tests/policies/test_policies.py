@@ -15,11 +15,13 @@ from builders import CAR
 from gymnasium.utils import seeding
 from learned_worlds import far_out, learned, many
 from learning import CHANGE, drive
+from pretended_gpu import GPUS, gpu
 from trusted_models import linear_model, write_pair
 
 from addressed_dynamics import load_policy
 from addressed_dynamics.base.errors import ModelError, TrainingError
 from addressed_dynamics.base.params.recording import DqnBehaviour, EnvironmentParams
+from addressed_dynamics.base.torch_runtime import CPU
 from addressed_dynamics.evaluation.transitions.calibration import calibrate
 from addressed_dynamics.evaluation.transitions.points import Points
 from addressed_dynamics.evaluation.transitions.starting import starts_of
@@ -184,6 +186,24 @@ def test_a_decision_is_rows_under_one_action_to_the_end_of_the_task() -> None:
     assert found.reward.tolist() == [3.0, 15.0, 15.0, 39.0, 48.0, 57.0]
     assert found.terminated.tolist() == [False, False, True, False, False, False]
     assert found.broken.tolist() == [True, False, False, False, False, True]
+
+
+@GPUS
+def test_a_policy_is_learned_in_an_environment_on_a_device(kind: str) -> None:
+    def learn(environments: torch.device, learner: torch.device) -> Policy:
+        copies = many(learned("car"), 4, autoreset_mode="SameStep", reward=far_out, max_episode_steps=9,
+                      device=environments)  # fmt: skip
+        return learn_policy(
+            copies, CAR, LEARNER, decisions=80, checks=2, seed=1, score=lambda _: (0.0, 0.0), progress=lambda _: None,
+            device=learner,
+        ).policy  # fmt: skip
+
+    wanted = learn(CPU, CPU)
+    with gpu(kind) as device:
+        # What is pretended cannot be made of arrays, as the learner does.
+        found = learn(device, device if kind == "real" else CPU)
+    for mine, theirs in zip(found.layers, wanted.layers, strict=True):
+        np.testing.assert_allclose(mine[0], theirs[0], rtol=1e-2, atol=1e-3)
 
 
 def test_without_a_world_a_learner_sees_every_recorded_decision_and_learns_the_same_again() -> None:

@@ -5,10 +5,11 @@ from typing import get_args
 import numpy as np
 import pytest
 import torch
+from learned_worlds import learned
 from learning import drive, sail, swing, untrained_model
 from pretended_gpu import GPU, GPUS, gpu, pretended_gpu
 
-from addressed_dynamics.base.errors import ModelError
+from addressed_dynamics.base.errors import DeviceError, ModelError
 from addressed_dynamics.episodes.transitions import Transitions
 from addressed_dynamics.evaluation.transitions.candidates import predictor_of
 from addressed_dynamics.evaluation.transitions.one_step import predict_all
@@ -17,6 +18,7 @@ from addressed_dynamics.features.transitions.spec import Angle, FeatureSpec, fit
 from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.simulators import on_device
 from addressed_dynamics.simulators.addressed import AddressedDynamics
+from addressed_dynamics.simulators.environment import LearnedEnvironments
 from addressed_dynamics.simulators.modes import Mode
 from addressed_dynamics.simulators.on_device import ModelOnDevice
 from addressed_dynamics.sources.transitions.params import AngleParams, FeatureParams
@@ -108,6 +110,32 @@ def test_what_a_model_does_not_take_is_refused_before_the_device_sees_it(kind: s
         ):
             with pytest.raises(ModelError, match=message):
                 there.rollout(**inputs | changed)
+
+
+@GPUS
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize(("world", "history"), [("car", 1), ("boat", 3)])
+def test_copies_of_an_environment_step_as_on_the_cpu(world: str, history: int, mode: Mode, kind: str) -> None:
+    made = learned(world, history, mode)
+
+    def states(device: torch.device | None) -> list[np.ndarray]:
+        copies = LearnedEnvironments(made.model, 5, starts=made.starts, device=device, max_episode_steps=4)
+        copies.action_space.seed(5)
+        found = [copies.reset(seed=3)[0]]
+        return found + [copies.step(copies.action_space.sample())[0] for _ in range(7)]
+
+    wanted = states(None)
+    with gpu(kind) as device:
+        np.testing.assert_allclose(states(device), wanted, rtol=1e-4, atol=1e-5)
+
+
+def test_an_environment_says_what_it_does_not_do_on_a_device(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = learned("car")
+    with pytest.raises(ModelError, match="computes in double precision, which it does on the CPU, but not on 'cuda'"):
+        LearnedEnvironments(made.model, exact=True, device="cuda")
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    with pytest.raises(DeviceError, match=r"device= asks for 'cuda:0', but torch .* or leave device= out for the CPU"):
+        LearnedEnvironments(made.model, device="cuda")
 
 
 @GPUS

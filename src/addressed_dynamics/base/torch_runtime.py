@@ -51,28 +51,45 @@ def computing_device() -> torch.device:
         DeviceError: this build of torch has no GPUs, or the machine has no such GPU.
     """
     device = _asked_device()
-    if device.type == "cpu":
-        return device
-    if engine() is not None:
+    if device.type != "cpu" and engine() is not None:
         message = f"{DEVICE} is '{device}', but tasks of Ray are given no GPU; unset it, or {ENGINE}"
         raise ParamsError(message)
-    cpu = f"or unset {DEVICE} for the CPU"
+    return checked_device(device, DEVICE)
+
+
+def checked_device(device: torch.device | str, asked_by: str = "device=") -> torch.device:
+    """Return a device that is there, with its number.
+
+    Args:
+        device: which one, for instance `cuda`.
+        asked_by: what asks for it, for the message.
+
+    Raises:
+        DeviceError: this build of torch has no GPUs, or the machine has no such GPU.
+    """
+    device = torch.device(device)
+    if device.type != "cuda":
+        return device
+    device = torch.device("cuda", device.index or 0)
+    cpu = f"or leave {asked_by} out for the CPU"
     built = torch.version.cuda or torch.version.hip
     if built is None:
         message = (
-            f"{DEVICE} asks for '{device}', but torch {torch.__version__} is a build without CUDA; install one with it "
-            f"(https://pytorch.org/get-started/locally), {cpu}"
+            f"{asked_by} asks for '{device}', but torch {torch.__version__} is a build without CUDA; install one with "
+            f"it (https://pytorch.org/get-started/locally), {cpu}"
         )
         raise DeviceError(message)
     if not torch.cuda.is_available():
         message = (
-            f"{DEVICE} asks for '{device}', but torch {torch.__version__} (CUDA {built}) finds no GPU that it can "
+            f"{asked_by} asks for '{device}', but torch {torch.__version__} (CUDA {built}) finds no GPU that it can "
             f"use; look at what 'nvidia-smi' says of driver and GPUs, {cpu}"
         )
         raise DeviceError(message)
     count = torch.cuda.device_count()
     if device.index >= count:
-        message = f"{DEVICE} asks for '{device}', but there are GPUs 0 to {count - 1} only; ask for one of them, {cpu}"
+        message = (
+            f"{asked_by} asks for '{device}', but there are GPUs 0 to {count - 1} only; ask for one of them, {cpu}"
+        )
         raise DeviceError(message)
     return device
 

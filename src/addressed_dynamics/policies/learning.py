@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import torch
 from gymnasium.vector import VectorEnv
 from gymnasium.wrappers.vector import TransformReward
 from jaxtyping import Float
@@ -14,6 +15,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 
 from addressed_dynamics.base.params.recording import DqnBehaviour
 from addressed_dynamics.base.threads import single_thread
+from addressed_dynamics.base.torch_runtime import CPU
 from addressed_dynamics.episodes.transitions import SpaceSpec
 from addressed_dynamics.policies.policy import Policy
 from addressed_dynamics.recording.acting import Progress
@@ -59,6 +61,7 @@ def learn_policy(
     seed: int,
     score: Scored,
     progress: Progress,
+    device: torch.device = CPU,
 ) -> Learned:
     """Let a DQN learn in copies of a world, which start anew in the same step.
 
@@ -71,10 +74,14 @@ def learn_policy(
         seed: of everything random in the learner; copy i starts with this seed plus i.
         score: says what a policy is worth.
         progress: called with the number of decisions made since its last call.
+        device: where the learner's networks are.
     """
     scaled = TransformReward(environments, _scaling(learner.reward_scale))
     with generators_given_back(), single_thread():
-        model = dqn_of(StableBaselinesEnvironments(scaled), learner, seed, exploration_share=learner.exploration_share)
+        model = dqn_of(
+            StableBaselinesEnvironments(scaled), learner, seed, exploration_share=learner.exploration_share,
+            device=device,
+        )  # fmt: skip
         rounds = max(decisions // environments.num_envs, 1)
         at = {round(rounds * (each + 1) / checks) for each in range(checks)}
         watching = _Watching(at, lambda: greedy_policy(model, spaces, learner.frame_skip), score, progress)
@@ -85,7 +92,7 @@ def learn_policy(
 
 def greedy_policy(model: ExploringDQN, spaces: SpaceSpec, hold: int) -> Policy:
     """Return what a learner would do without exploring, as it is now."""
-    found = {name: tensor.detach().numpy().copy() for name, tensor in model.policy.q_net.state_dict().items()}
+    found = {name: tensor.detach().cpu().numpy().copy() for name, tensor in model.policy.q_net.state_dict().items()}
     scaling = "features_extractor."
     numbers = sorted({int(name.split(".")[1]) for name in found if name.startswith("q_net.")})
     layers = tuple((found[f"q_net.{number}.weight"], found[f"q_net.{number}.bias"]) for number in numbers)

@@ -7,12 +7,14 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+import torch
 from jaxtyping import Bool, Float64, Int64
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from addressed_dynamics.base.errors import TrainingError
 from addressed_dynamics.base.params.recording import DqnBehaviour
 from addressed_dynamics.base.threads import single_thread
+from addressed_dynamics.base.torch_runtime import CPU
 from addressed_dynamics.episodes.transitions import Transitions
 from addressed_dynamics.policies.learning import greedy_policy
 from addressed_dynamics.policies.policy import Policy
@@ -80,6 +82,7 @@ def learn_offline(
     decisions: int,
     seed: int,
     progress: Progress,
+    device: torch.device = CPU,
 ) -> tuple[Policy, int]:
     """Let a DQN learn from recorded transitions alone, with as many gradient steps as in a world.
 
@@ -94,6 +97,7 @@ def learn_offline(
         decisions: which it would make there, over all copies.
         seed: of everything random in the learner.
         progress: called with the number of decisions, as if they were made.
+        device: where the learner's networks are.
 
     Returns:
         The policy, and the number of decisions in the buffer.
@@ -115,7 +119,7 @@ def learn_offline(
         }
     )
     with generators_given_back(), single_thread():
-        model = dqn_of(DummyVecEnv([lambda: _Nowhere(world)]), settings, seed, exploration_share=1.0)
+        model = dqn_of(DummyVecEnv([lambda: _Nowhere(world)]), settings, seed, exploration_share=1.0, device=device)
         _fill(model.replay_buffer, train, found, learner.reward_scale)
         for step in range(max(decisions // copies, 1)):
             if step % learner.train_every == 0 and step * copies >= learner.learning_starts:

@@ -10,12 +10,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from addressed_dynamics.base.errors import TrainingError
 from addressed_dynamics.base.files import save_arrays, write_json, write_rows
 from addressed_dynamics.base.params.recording import EnvironmentParams
 from addressed_dynamics.base.threads import single_thread
+from addressed_dynamics.base.torch_runtime import CPU
 from addressed_dynamics.episodes.transitions import DiscreteAction, SpaceSpec, Transitions
 from addressed_dynamics.policies.learning import Learned, learn_policy
 from addressed_dynamics.policies.offline import learn_offline
@@ -69,7 +71,13 @@ class Outcome:
     """What each part took."""
 
 
-def train_policy(models: Path, train: Callable[[], Transitions], params: PolicyParams, progress: Progress) -> Outcome:
+def train_policy(
+    models: Path,
+    train: Callable[[], Transitions],
+    params: PolicyParams,
+    progress: Progress,
+    device: torch.device = CPU,
+) -> Outcome:
     """Learn a policy inside a model, and score it.
 
     It is chosen by its return in the model alone, before anything is played in the true environment.
@@ -79,6 +87,7 @@ def train_policy(models: Path, train: Callable[[], Transitions], params: PolicyP
         train: reads the training transitions.
         params: what to do.
         progress: called with the number of decisions made since its last call.
+        device: where the model and the learners compute.
 
     Raises:
         TrainingError: the actions are not discrete, nobody says the reward, or the environment is of other spaces.
@@ -86,7 +95,7 @@ def train_policy(models: Path, train: Callable[[], Transitions], params: PolicyP
         RecordingError: the true environment cannot be made.
     """
     options: dict[str, Any] = {
-        "model": models, "candidate": params.candidate, "reward": params.reward, "trust": False,
+        "model": models, "candidate": params.candidate, "reward": params.reward, "trust": False, "device": device,
     }  # fmt: skip
     world = World.of(**options)
     spaces = world.model.features.spaces
@@ -101,7 +110,7 @@ def train_policy(models: Path, train: Callable[[], Transitions], params: PolicyP
             checked = _seeds(params, CHECKED, params.check_episodes)
             inside = _learn(
                 copies, spaces, params,
-                lambda policy: play_in_model(world, policy, checked, params.episode_steps).score, progress,
+                lambda policy: play_in_model(world, policy, checked, params.episode_steps).score, progress, device,
             )  # fmt: skip
         with _timed(seconds, "score"):
             policy, seeds = inside.policy, _seeds(params, MODEL, params.episodes)
@@ -109,7 +118,7 @@ def train_policy(models: Path, train: Callable[[], Transitions], params: PolicyP
         with _timed(seconds, "offline"):
             offline, recorded = learn_offline(
                 world, train(), params.learner, copies=params.copies, decisions=params.decisions, seed=params.seed,
-                progress=progress,
+                progress=progress, device=device,
             )  # fmt: skip
         common: dict[str, Any] = {
             "reward": sources(world.task)[0],
@@ -130,7 +139,7 @@ def train_policy(models: Path, train: Callable[[], Transitions], params: PolicyP
             figures = PolicyFigures(**common, offline=score_of(without))
             return Outcome(policy, figures, {"model": inside}, arrays | _arrays("offline", without), seconds)
         with _timed(seconds, "truth"):
-            there = _learn_in_truth(params.environment, spaces, params, progress)
+            there = _learn_in_truth(params.environment, spaces, params, progress, device)
         with _timed(seconds, "score"):
             compared, found = _compare(world, params.environment, params, policy, offline, there.policy)
     figures = PolicyFigures(**common, **compared)
@@ -160,15 +169,16 @@ def _learn(
     params: PolicyParams,
     score: Callable[[Policy], tuple[float, float]],
     progress: Progress,
+    device: torch.device,
 ) -> Learned:
     return learn_policy(
         copies, spaces, params.learner, decisions=params.decisions, checks=params.checks, seed=params.seed, score=score,
-        progress=progress,
+        progress=progress, device=device,
     )  # fmt: skip
 
 
 def _learn_in_truth(
-    environment: EnvironmentParams, spaces: SpaceSpec, params: PolicyParams, progress: Progress
+    environment: EnvironmentParams, spaces: SpaceSpec, params: PolicyParams, progress: Progress, device: torch.device
 ) -> Learned:
     """Let the same learner learn in copies of the true environment, with as many steps, and choose by truth."""
     limited = environment_with_limit(environment, params.episode_steps)
@@ -181,7 +191,7 @@ def _learn_in_truth(
     def score(policy: Policy) -> tuple[float, float]:
         return played(play_in_truth(environment, policy, seeds, params.episode_steps)).score
 
-    learned = _learn(copies, spaces, params, score, progress)
+    learned = _learn(copies, spaces, params, score, progress, device)
     copies.close()
     return learned
 

@@ -23,6 +23,7 @@ from torch import Tensor
 from addressed_dynamics.base.errors import RecordingError
 from addressed_dynamics.base.params.recording import DqnBehaviour
 from addressed_dynamics.base.threads import single_thread
+from addressed_dynamics.base.torch_runtime import CPU
 from addressed_dynamics.recording.acting import FrameSkip, Progress, act
 from addressed_dynamics.recording.behaviours import HeldActions, Policy
 
@@ -132,7 +133,14 @@ def _scaled(behaviour: DqnBehaviour) -> Callable[[SupportsFloat], float]:
     return lambda reward: float(reward) * behaviour.reward_scale
 
 
-def dqn_of(environments: VecEnv, behaviour: DqnBehaviour, seed: int, *, exploration_share: float) -> ExploringDQN:
+def dqn_of(
+    environments: VecEnv,
+    behaviour: DqnBehaviour,
+    seed: int,
+    *,
+    exploration_share: float,
+    device: torch.device = CPU,
+) -> ExploringDQN:
     """Return a learner that has not yet learned anything.
 
     Args:
@@ -140,6 +148,7 @@ def dqn_of(environments: VecEnv, behaviour: DqnBehaviour, seed: int, *, explorat
         behaviour: its settings.
         seed: seed of everything random in it.
         exploration_share: share of the steps that it is asked to learn for over which epsilon falls.
+        device: where its networks are; what it has seen stays on the CPU, and what is random is drawn there.
     """
     model = ExploringDQN(
         "MlpPolicy",
@@ -161,7 +170,7 @@ def dqn_of(environments: VecEnv, behaviour: DqnBehaviour, seed: int, *, explorat
             "optimizer_kwargs": {"fused": True},
         },
         seed=seed,
-        device="cpu",
+        device=device,
     )
     held = HeldActions(
         environments.action_space, environments.num_envs, behaviour.exploration_hold_steps, np.random.default_rng(seed)

@@ -11,7 +11,9 @@ from jaxtyping import Bool, Float32, Float64, Int64
 from torch import Tensor
 
 from addressed_dynamics.base.errors import ModelError
+from addressed_dynamics.base.torch_runtime import sent
 from addressed_dynamics.simulators.given import Given
+from addressed_dynamics.simulators.on_device import ModelOnDevice
 from addressed_dynamics.simulators.spaces import checked_actions
 from addressed_dynamics.simulators.tasks import exogenous_at, reward_and_end, sources
 from addressed_dynamics.simulators.worlds import World
@@ -157,6 +159,8 @@ class Copies:
         model, precise = self.world.model, self.world.precise
         frames, acted = torch.from_numpy(state), torch.from_numpy(action)
         known = torch.from_numpy(exogenous) if exogenous.shape[-1] else None
+        if self.world.there is not None:
+            return self._predicted_there(self.world.there, frames, acted, torch.from_numpy(exogenous), rows)
         x = model.encoded(frames, acted, known)
         stepping, inputs = (model, x) if precise is None else (precise, x.double())
         if model.mode == "sample":
@@ -170,6 +174,25 @@ class Copies:
         if trust is None:
             return after.numpy(), member.numpy(), None
         signals = trust.scales(model, frames, acted, known, after, x).signals
+        return after.numpy(), member.numpy(), trust.trust(signals)
+
+    def _predicted_there(
+        self, model: ModelOnDevice, frames: Tensor, acted: Tensor, known: Tensor, rows: Int64[np.ndarray, " chosen"]
+    ) -> tuple[Float32[np.ndarray, "chosen observation"], Int64[np.ndarray, " chosen"], np.ndarray | None]:
+        """Return what `_predicted` does, computed on the device."""
+        given = tuple(sent(each, model.device) for each in (frames, acted, known))
+        if model.mode == "sample":
+            x = model.features.encode(*given)
+            drawn = self._drawn(model.probabilities_of(x).cpu(), rows)
+            output = model.routed(x, drawn.to(model.device)).cpu()
+            after, member = model.features.decode(output, frames if frames.ndim == 2 else frames[:, -1]), drawn
+        else:
+            after, member = (each.cpu() for each in model.step(*given))
+        trust, beside = self.world.trust, known if known.shape[-1] else None
+        if trust is None:
+            return after.numpy(), member.numpy(), None
+        x = model.features.encode(frames, acted, beside)
+        signals = trust.scales(self.world.model, frames, acted, beside, after, x).signals
         return after.numpy(), member.numpy(), trust.trust(signals)
 
     def _drawn(self, probabilities: Tensor, rows: Int64[np.ndarray, " chosen"]) -> Int64[Tensor, " chosen"]:

@@ -74,7 +74,7 @@ SPACES = SpaceSpec(
     step_seconds=1 / FRAME_RATE,
 )
 """Names and units of states and commands."""
-ONLY_FOR_STATES = ("starts", "begin", "exogenous", "trust", "least_trust", "exact")
+ONLY_FOR_STATES = ("starts", "begin", "exogenous", "trust", "least_trust", "exact", "device")
 """Options of other environments, which say nothing of motion."""
 
 

@@ -10,6 +10,7 @@ from jaxtyping import Float, Int64
 from torch import Tensor
 
 from addressed_dynamics.base.errors import ModelError
+from addressed_dynamics.base.torch_runtime import checked_device
 from addressed_dynamics.episodes.transitions import DiscreteAction
 from addressed_dynamics.networks.addressing import addressing_scores
 from addressed_dynamics.simulators.arrays import Values, as_tensor, finite
@@ -27,13 +28,17 @@ wait for the device. An estimate for cards of tens of teraflops; nobody has meas
 class ModelOnDevice:
     """A model whose networks are on a device. The weights are those that it had when this was made."""
 
-    def __init__(self, model: AddressedDynamics, device: torch.device) -> None:
-        """Send the networks of `model` to a device."""
-        self.device = device
+    def __init__(self, model: AddressedDynamics, device: torch.device | str) -> None:
+        """Send the networks of `model` to a device, for instance `cuda`.
+
+        Raises:
+            DeviceError: it is not there.
+        """
+        self.device = checked_device(device)
         self.features = model.features
         self.mode: Mode = model.mode
-        self._ensemble = model.ensemble.on(device)
-        self._addressing = None if model.addressing is None else model.addressing.on(device)
+        self._ensemble = model.ensemble.on(self.device)
+        self._addressing = None if model.addressing is None else model.addressing.on(self.device)
         self._every_member = Repeated(self._step_of_every_member)
 
     @torch.no_grad()
@@ -133,10 +138,10 @@ class ModelOnDevice:
         """Return what `AddressedDynamics.combined` does; the generator is one of the CPU."""
         match mode:
             case "argmax":
-                return self._routed(x, probabilities.argmax(dim=1))
+                return self.routed(x, probabilities.argmax(dim=1))
             case "sample":
                 drawn = torch.multinomial(probabilities.nan_to_num(nan=1.0).cpu(), 1, generator=generator).squeeze(1)
-                return self._routed(x, drawn.to(x.device))
+                return self.routed(x, drawn.to(x.device))
             case "mixture":
                 every = self._ensemble.forward_all(x) if outputs is None else outputs
                 return (probabilities.T.unsqueeze(-1) * every).sum(dim=0)
@@ -145,8 +150,11 @@ class ModelOnDevice:
             case _:
                 raise no_mode(mode, MODES)
 
-    def _routed(self, x: Float[Tensor, "sample input"], member: Int64[Tensor, " sample"]) -> Tensor:
-        """Return each sample's output from its own member."""
+    @torch.no_grad()
+    def routed(
+        self, x: Float[Tensor, "sample input"], member: Int64[Tensor, " sample"]
+    ) -> Float[Tensor, "sample output"]:
+        """Return each sample's output from its own member, all on the device."""
         members = self._ensemble.members
         if members == 1:
             return self._ensemble.forward_all(x)[0]
@@ -166,7 +174,7 @@ class ModelOnDevice:
         """Return next states in the mode `argmax` with the member's number as a last column: one tensor, one launch."""
         x = self.features.encode(observation, action, exogenous)
         member = self.probabilities_of(x).argmax(dim=1)
-        after = self.features.decode(self._routed(x, member), self._last(observation))
+        after = self.features.decode(self.routed(x, member), self._last(observation))
         return torch.cat([after, member.unsqueeze(1).to(after.dtype)], dim=1)
 
     def _many(self, samples: int) -> bool:

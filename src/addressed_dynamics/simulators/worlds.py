@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Literal, TypedDict
 
 import numpy as np
+import torch
 from gymnasium.spaces import Box, Discrete
 from jaxtyping import Int64
 
@@ -16,6 +17,7 @@ from addressed_dynamics.base.errors import ModelError
 from addressed_dynamics.episodes.transitions import DiscreteAction
 from addressed_dynamics.simulators.addressed import AddressedDynamics
 from addressed_dynamics.simulators.modes import Mode
+from addressed_dynamics.simulators.on_device import ModelOnDevice
 from addressed_dynamics.simulators.rewards import LEARNED, NOBODY, LearnedTask, read_task
 from addressed_dynamics.simulators.spaces import checked_hold, observation_box, space_of_actions
 from addressed_dynamics.simulators.starts import Starts, read_starts
@@ -55,6 +57,9 @@ class WorldOptions(TypedDict, total=False):
     exact: bool
     """Whether the networks compute in double precision, rounded once a step, so that a copy's states do not depend on
     how many others there are. In single precision, the default and twice as fast, they do in the last digit."""
+    device: torch.device | str | None
+    """Where the networks compute, for instance `cuda`; what they say comes back in every step, so this pays for many
+    copies or large networks. None for the CPU."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +69,8 @@ class World:
     model: AddressedDynamics
     precise: AddressedDynamics | None
     """The model in double precision, if that is what steps."""
+    there: ModelOnDevice | None
+    """The model on another device, if that is what steps."""
     starts: Starts | None
     no_starts: str
     """Why there are none."""
@@ -93,11 +100,13 @@ class World:
         least_trust: float | None = None,
         hold: int = 1,
         exact: bool = False,
+        device: torch.device | str | None = None,
     ) -> World:
         """Make one of a model, or of its folder; what the others mean says `WorldOptions`.
 
         Raises:
             ModelError: there is no such model, function or choice, or the starts are of another model.
+            DeviceError: there is no such device.
         """
         home = None
         if isinstance(model, AddressedDynamics):
@@ -116,11 +125,16 @@ class World:
         if exogenous is not None and not used.features.spaces.exogenous:
             message = "the model has no exogenous inputs, but a function of them was given; leave exogenous= out"
             raise ModelError(message)
+        elsewhere = device is not None and torch.device(device).type != "cpu"
+        if exact and elsewhere:
+            message = f"exact=True computes in double precision, which it does on the CPU, but not on '{device}'"
+            raise ModelError(message)
         found, missing = _starts(used, home if starts is None else starts)
         here = None if found is None else found.beginning | (begin == "anywhere")
         return World(
             model=used,
             precise=_precise(used) if exact else None,
+            there=ModelOnDevice(used, device) if elsewhere and device is not None else None,
             starts=found,
             no_starts=missing,
             candidates=np.empty(0, np.int64) if here is None else np.flatnonzero(here),
