@@ -9,7 +9,7 @@ from measuring import median_ratio, print_table, take_turns
 from torch import Tensor, nn
 
 from addressed_dynamics.base.params.sections import OptimiserParams
-from addressed_dynamics.base.torch_runtime import prepare_torch
+from addressed_dynamics.base.torch_runtime import CPU, prepare_torch
 from addressed_dynamics.networks.addressing import addressing_scores
 from addressed_dynamics.networks.stacked import Activation, StackedMLP
 from addressed_dynamics.training.losses import cross_entropy_of_heads, squared_error
@@ -66,10 +66,10 @@ CASES = [
 
 
 def stacked_step(case: Case, x: Tensor, y: Tensor) -> Step:
-    """Return an update as this project makes it."""
+    """Return an update as this project makes it, where the batch is."""
     loss = cross_entropy_of_heads if case.shared else squared_error
-    trainer = StackTrainer(case.stack(), loss, OPTIMISER, total_updates=1_000_000)
-    weight = torch.full(x.shape[:2], 1 / case.batch)
+    trainer = StackTrainer(case.stack().on(x.device), loss, OPTIMISER, total_updates=1_000_000)
+    weight = torch.full(x.shape[:2], 1 / case.batch, device=x.device)
     return lambda: trainer.update(x, y, weight)
 
 
@@ -106,7 +106,7 @@ def looped_step(case: Case, x: Tensor, y: Tensor) -> Step:
 
         return step_of_heads
 
-    networks = [sequential(case.widths, case.activation) for _ in range(case.members)]
+    networks = [sequential(case.widths, case.activation).to(x.device) for _ in range(case.members)]
     optimisers = [torch.optim.Adam(network.parameters(), lr=1e-4, betas=(0.9, 0.99)) for network in networks]
 
     def step() -> None:
@@ -126,11 +126,11 @@ def sequential(widths: tuple[int, ...], activation: Activation, *, last: bool = 
     return nn.Sequential(*(layers if last else layers[:-1]))
 
 
-def products(case: Case) -> Step:
+def products(case: Case, device: torch.device = CPU) -> Step:
     """Return the matrix products of an update and nothing else: forward, by the weights, by the inputs."""
-    weights = [weight.detach() for weight in case.stack().weights]
-    inputs = [torch.randn(len(weight), case.batch, weight.shape[1]) for weight in weights]
-    derivatives = [torch.randn(len(weight), case.batch, weight.shape[2]) for weight in weights]
+    weights = [weight.detach() for weight in case.stack().on(device).weights]
+    inputs = [torch.randn(len(weight), case.batch, weight.shape[1], device=device) for weight in weights]
+    derivatives = [torch.randn(len(weight), case.batch, weight.shape[2], device=device) for weight in weights]
 
     def step() -> None:
         for layer, (values, derivative, weight) in enumerate(zip(inputs, derivatives, weights, strict=True)):

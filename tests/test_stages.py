@@ -225,15 +225,12 @@ def test_a_gpu_that_is_asked_for_and_not_there_is_one_line_before_anything_is_re
 ) -> None:
     monkeypatch.setenv("ADDRESSED_DYNAMICS_DEVICE", "cuda")
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-    deterministic = torch.are_deterministic_algorithms_enabled()
+    monkeypatch.setattr(torch, "use_deterministic_algorithms", lambda *_, **__: None)  # it holds for the whole process
     for stage in (train_ensemble, train_baselines):
-        try:
-            assert call(monkeypatch, stage.main, "--kind", "motion") == 1
-        finally:
-            torch.use_deterministic_algorithms(mode=deterministic)
+        assert call(monkeypatch, stage.main, "--kind", "motion") == 1
         error = capsys.readouterr().err.removesuffix("\n")
         assert error.startswith("error: ADDRESSED_DYNAMICS_DEVICE asks for 'cuda:0', but torch ")
-        assert error.endswith("or leave ADDRESSED_DYNAMICS_DEVICE out for the CPU")
+        assert error.endswith("or unset ADDRESSED_DYNAMICS_DEVICE for the CPU")
         assert "\n" not in error
     assert list(motion_folder.iterdir()) == [motion_folder / "some.yaml"]
 

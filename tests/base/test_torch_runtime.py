@@ -41,7 +41,7 @@ def test_a_gpu_that_is_not_there_is_one_clear_line(monkeypatch: pytest.MonkeyPat
     assert f"torch {torch.__version__} is a build without CUDA; install one with it" in without
     assert "(CUDA 12.8) finds no GPU that it can use; look at what 'nvidia-smi' says" in hidden
     assert "asks for 'cuda:7', but there are GPUs 0 to 1 only" in other
-    assert all(message.endswith(f"or leave {DEVICE} out for the CPU") and "\n" not in message for message in messages)
+    assert all(message.endswith(f"or unset {DEVICE} for the CPU") and "\n" not in message for message in messages)
 
 
 def test_a_gpu_and_ray_are_refused_together(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -39,7 +39,7 @@ AUGMENT = MotionAugmentation(
     AugmentationParams(pose_noise=0.1, pose_mix=0.1, pose_shrink=0.1, gait_swap=0.1),
 )
 BLENDED = BlendedTraining(
-    hidden=(8,), gate_hidden=(8,), members=3, activation="elu", loss="mse", dropout=0.2, batch_size=8, epochs=2,
+    hidden=(8,), gate_hidden=(8,), members=3, activation="elu", loss="mse", dropout=0.2, batch_size=16, epochs=2,
     optimiser=OptimiserParams(learning_rate=3e-3, betas=(0.9, 0.999), final_share=1.0),
 )  # fmt: skip
 
@@ -47,7 +47,7 @@ Training = Callable[..., Iterator[Epoch]]
 
 
 def ensemble(**changes: Any) -> Training:
-    recipe = ENSEMBLE.model_copy(update={"epochs": 4, "cluster_epochs": 2, **changes})
+    recipe = ENSEMBLE.model_copy(update={"epochs": 3, "cluster_epochs": 2, **changes})
     train, validation = WINDOWS if recipe.horizon > 1 else (TRAIN, VALIDATION)
     return partial(train_ensemble, train, validation, recipe, seed=3, loss_unit=1.0)
 
@@ -117,7 +117,7 @@ def test_a_training_ends_as_on_the_cpu_up_to_rounding(name: str, kind: str) -> N
 @pytest.mark.parametrize("name", TRAININGS)
 def test_the_processor_waits_for_the_device_once_an_epoch_and_not_for_updates(name: str) -> None:
     waits = []
-    for batch_size in (8, 16):
+    for batch_size in (16, 48):
         # Epochs that are not the first: samples are sent once, and shapes are seen.
         with pretended_gpu() as pretended:
             epochs = TRAININGS[name](batch_size=batch_size)(device=GPU)

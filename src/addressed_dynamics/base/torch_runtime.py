@@ -54,15 +54,18 @@ def computing_device() -> torch.device:
     if device.type != "cpu" and engine() is not None:
         message = f"{DEVICE} is '{device}', but tasks of Ray are given no GPU; unset it, or {ENGINE}"
         raise ParamsError(message)
-    return checked_device(device, DEVICE)
+    return checked_device(device, DEVICE, f"unset {DEVICE}")
 
 
-def checked_device(device: torch.device | str, asked_by: str = "device=") -> torch.device:
+def checked_device(
+    device: torch.device | str, asked_by: str = "device=", otherwise: str = "leave device= out"
+) -> torch.device:
     """Return a device that is there, with its number.
 
     Args:
         device: which one, for instance `cuda`.
         asked_by: what asks for it, for the message.
+        otherwise: what to do to get the CPU, for the message.
 
     Raises:
         DeviceError: this build of torch has no GPUs, or the machine has no such GPU.
@@ -71,7 +74,7 @@ def checked_device(device: torch.device | str, asked_by: str = "device=") -> tor
     if device.type != "cuda":
         return device
     device = torch.device("cuda", device.index or 0)
-    cpu = f"or leave {asked_by} out for the CPU"
+    cpu = f"or {otherwise} for the CPU"
     built = torch.version.cuda or torch.version.hip
     if built is None:
         message = (
