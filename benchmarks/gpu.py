@@ -72,7 +72,7 @@ def main(arguments: Sequence[str] | None = None, small: Sizes = SMALL) -> None:
     found = {
         "card": card(device),
         "torch": torch.__version__,
-        "update": [update(device, batch, sizes) for batch in sizes.batches],
+        "updates": [update(device, batch, sizes) for batch in sizes.batches],
         "algorithm_1": algorithm_1(device, sizes),
         "rollouts": rollouts(device, sizes),
     }
@@ -182,7 +182,7 @@ def rollouts(device: torch.device, sizes: Sizes) -> dict[str, Any]:
 
 def show(found: dict[str, Any]) -> None:
     """Print what was measured."""
-    last = found["update"][-1]["batch"]
+    last = found["updates"][-1]["batch"]
     rows = [
         [
             f"update, n=8 54-256x3-4, B={each['batch']:,}", f"{each['microseconds']:,.0f} µs",
@@ -190,7 +190,7 @@ def show(found: dict[str, Any]) -> None:
             f"{each['of_products']:.2f}x of the products"
             + (f" (target: {PRODUCTS_TARGET:g})" if each["batch"] == last else ""),
         ]
-        for each in found["update"]
+        for each in found["updates"]
     ]  # fmt: skip
     bins, rolled = found["algorithm_1"], found["rollouts"]
     rows += [

@@ -41,5 +41,5 @@ def test_all_of_it_runs_on_the_cpu_at_tiny_sizes(
     found = json.loads(figures.read_text())
     assert found["algorithm_1"]["same_bins"] is True
     assert found["rollouts"]["states_per_second"] > 0
-    assert [each["batch"] for each in found["update"]] == [2]
+    assert [each["batch"] for each in found["updates"]] == [2]
     assert "update, n=8 54-256x3-4, B=2" in capsys.readouterr().out
