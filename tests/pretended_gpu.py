@@ -1,4 +1,4 @@
-"""A GPU for machines without one: its tensors lie on 'pretended:0', are computed on the CPU, and mix with none of its.
+"""A GPU for machines without one: its tensors lie on 'pretended:0', are computed on the CPU, and do not mix.
 
 What is checked so: that nothing on the way is made on the CPU, how often the processor waits for the device, that what
 is recorded as a CUDA graph does the same when it is done again, and that what comes out is what comes out on the CPU.
@@ -18,7 +18,8 @@ from torch.utils.backend_registration import _setup_privateuseone_for_python_bac
 from addressed_dynamics.base.torch_runtime import CPU
 from addressed_dynamics.training import graphs
 
-# A build without CUDA does not even know how to index what says that it is there; a backend of another name it does.
+# A build without CUDA cannot even index what says that it is there; it can, what is on the backend left to others.
+# It has to be known before the first backward pass of the process, which counts the devices.
 _setup_privateuseone_for_python_backend("pretended")
 GPU = torch.device("pretended", 0)
 aten = torch.ops.aten

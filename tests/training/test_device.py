@@ -157,6 +157,16 @@ def test_a_checkpoint_of_one_device_goes_on_on_another(tmp_path: Path, name: str
 
 
 @GPUS
+@pytest.mark.parametrize("name", ["ensemble, dropout and decay", "ensemble, horizon", "addressing, heads"])
+def test_training_twice_on_one_device_gives_the_same_bytes(name: str, kind: str) -> None:
+    with gpu(kind) as device:
+        first, second = ([*TRAININGS[name]()(device=device)][-1] for _ in range(2))
+    assert first.metrics == second.metrics
+    for mine, theirs in zip(first.network.parameters(), second.network.parameters(), strict=True):
+        assert torch.equal(mine, theirs)
+
+
+@GPUS
 @pytest.mark.parametrize("decimals", [1, 8])
 def test_algorithm_1_gives_the_same_bins_as_on_the_cpu_ties_included(decimals: int, kind: str) -> None:
     generator = torch.Generator().manual_seed(0)
