@@ -62,5 +62,5 @@ def test_it_addresses_in_the_model_s_own_mode(mode: Mode) -> None:
 def test_a_model_that_draws_its_members_is_refused() -> None:
     model = random_model(pendulum_features(), 3)
     model.mode = "sample"
-    with pytest.raises(ModelError, match="load it in another mode"):
+    with pytest.raises(ModelError, match="take another mode"):
         StepModule(model)
