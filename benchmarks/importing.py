@@ -1,6 +1,7 @@
-"""Import of foreign logs, against mcap's own reader that only decodes the same messages."""
+"""Import of foreign logs, against mcap's own reader that decodes the same messages; of several, by two processes."""
 
 import json
+import shutil
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -21,6 +22,8 @@ from addressed_dynamics.base.params.source import SourceParams
 from addressed_dynamics.importing import import_logs
 
 SECONDS = 1_000
+LOGS = 8
+"""Logs that several processes import."""
 ROUNDS = 3
 SOURCE = {
     "kind": "mcap",
@@ -132,6 +135,30 @@ def main() -> None:
         ratio = median_ratio(seconds["import"].wall, seconds["decode"].wall)
         rows.append([f"{count:,} messages, {name}", f"{each:.1f} µs", f"{ratio:.2f}x"])
     print_table(["log", "import, a message", "of decoding alone"], rows)
+    together()
+
+
+def together() -> None:
+    """Print the time that two processes need for some logs of ROS 2, and its ratio to that of one."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        write_ros2_log(folder / "0.mcap")
+        for number in range(1, LOGS):
+            shutil.copy(folder / "0.mcap", folder / f"{number}.mcap")
+        source = TypeAdapter(SourceParams).validate_json(json.dumps(SOURCE | {"files": [str(folder / "*.mcap")]}))
+        contestants = {
+            str(cores): lambda cores=cores: import_logs(
+                source, folder / f"out-{cores}", name="benchmark", progress=lambda _: None, cores=cores
+            )
+            for cores in (1, 2)
+        }
+        seconds = take_turns(contestants, rounds=ROUNDS)
+        same = all(
+            (folder / "out-2" / path.name).read_bytes() == path.read_bytes() for path in (folder / "out-1").iterdir()
+        )
+    ratio = median_ratio(seconds["2"].wall, seconds["1"].wall)
+    print(f"\n{LOGS} of these logs by two processes: {min(seconds['2'].wall):.1f} s, {ratio:.2f}x of one process; "
+          f"the same bytes: {'yes' if same else 'NO'}")  # fmt: skip
 
 
 if __name__ == "__main__":
