@@ -222,7 +222,7 @@ class Copies:
         self, rows: Int64[np.ndarray, " chosen"], sound: Bool[np.ndarray, " chosen"], trust: np.ndarray | None
     ) -> dict[str, Bool[np.ndarray, " chosen"]]:
         """Return which copies the model cannot go on with, by why in a word; the last one is the one to tell."""
-        stops = dict[str, Bool[np.ndarray, " chosen"]]()
+        stops: dict[str, Bool[np.ndarray, " chosen"]] = {}
         if self._exogenous.shape[2] and self.world.exogenous is None:
             stops["exogenous"] = self._row[rows] >= self._stop[rows]
         if self.world.least_trust is not None and trust is not None:
