@@ -64,8 +64,10 @@ _FLUSH_SECONDS = 5.0  # so that the curves of a long training grow while one wat
 _log = logging.getLogger("addressed_dynamics.tracking")
 _log.setLevel(logging.WARNING)  # its own, because some of what mlflow imports silences the root logger
 _parents = Parents()
-_lost = set[str]()
-"""Stores of which was said that they are lost, and which nobody has reached since."""
+_lost = dict[str, float]()
+"""Stores of which was said that they are lost, and which nobody has reached since; when to try again."""
+_PATIENCE = 10
+"""A store that was waited for in vain is left alone so many times as long: a lock or a dead server costs a minute."""
 
 
 @final
@@ -365,7 +367,9 @@ def run_link(reference: RunReference) -> str:
 def _open(
     experiment: str, name: str, params: Mapping[str, Any], tags: Mapping[str, str], pipeline: Pipeline | None
 ) -> Run:
-    store = find_store()
+    store, begin = find_store(), time.monotonic()
+    if begin < _lost.get(store.uri, begin):
+        return Run(None, None)
     try:
         client, experiment_id = connect(store, experiment)
         parent = None if pipeline is None else _open_parent(store, client, experiment_id, pipeline, tags)
@@ -380,8 +384,10 @@ def _open(
     except Exception as error:  # see Run._attempt
         if _newly_lost(store.uri):
             _warn("could not open a run", error)
+        now = time.monotonic()
+        _lost[store.uri] = now + _PATIENCE * (now - begin)
         return Run(None, None)
-    _lost.discard(store.uri)
+    _lost.pop(store.uri, None)
     return Run(client, RunReference(run_id, experiment_id, name), parent)
 
 
@@ -457,7 +463,7 @@ def _provenance(stage: str) -> dict[str, str]:
 def _newly_lost(uri: str) -> bool:
     """Take a store for lost; return whether that is new."""
     new = uri not in _lost
-    _lost.add(uri)
+    _lost.setdefault(uri, time.monotonic())
     return new
 
 
