@@ -79,12 +79,13 @@ def soak(found: Soak, options: argparse.Namespace, room: SmallRoom | None, serve
         if step.stage in TRACKED:
             waiting.append(found.lose_mlflow(step, options.gone, server))
     steps = {each.stage: each for each in found.steps if each.experiment == options.experiments[0]}
-    if "train_baselines" in steps:
+    if "train_baselines" in steps and (not options.stages or "two" in options.stages):
         for option in ("", "--wait-for-lock"):
             waiting.append(found.pair(steps["train_ensemble"], steps["train_ensemble"], options.pairs, option))
             waiting.append(found.pair(steps["train_addressing"], steps["train_baselines"], options.pairs, option))
     end = time.monotonic() + 60 * options.minutes
     while waiting:
+        found.draw.shuffle(waiting)  # so that in a short time a little of everything is done
         for rounds in [*waiting]:
             if time.monotonic() > end:
                 return
@@ -135,9 +136,9 @@ def keep(path: Path, table: Sequence[Mapping[str, Any]], seed: int) -> None:
 def main() -> None:
     """Soak, print and keep what was asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path, help="a new folder for all that is written")
+    parser.add_argument("folder", type=Path, help="a new folder for all that is written, or that of an earlier soak")
     parser.add_argument("--experiments", nargs="+", choices=RAW, default=list(RAW))
-    parser.add_argument("--stages", nargs="+", choices=[*STAGES, "record", "import"], help="only these")
+    parser.add_argument("--stages", nargs="+", help="only these: record, convert, …, or two for two at once")
     parser.add_argument("--kills", type=int, default=100, help="of each stage, with DVC and its workers")
     parser.add_argument(
         "--alone", type=int, default=10, help="of a worker alone, of its server, of the resource tracker"
@@ -151,16 +152,15 @@ def main() -> None:
     parser.add_argument("--cold", action="store_true", help="interpreters that import all anew, as a user's do")
     parser.add_argument("--figures", type=Path, help="a JSON file, to which what was found is added")
     options = parser.parse_args()
-    if options.folder.exists() and any(options.folder.iterdir()):
-        parser.error(f"{options.folder}: expected a new or empty folder")
+    if options.folder.exists() and any(options.folder.iterdir()) and not (options.folder / "states").exists():
+        parser.error(f"{options.folder}: expected a new folder, or that of an earlier soak")
     small = options.folder / "small"
     if not may_mount(small):
         print("no file system can be mounted here, so no disk is filled", file=sys.stderr)
         options.full = 0
     print(f"seed {options.seed}", flush=True)
     steps = steps_of(options.experiments)
-    last = max(number for number, step in enumerate(steps) if not options.stages or step.stage in options.stages)
-    found = Soak(options.folder, options.seed, steps[: last + 1], warm=not options.cold)
+    found = Soak(options.folder, options.seed, steps, warm=not options.cold)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit("terminated"))
     with ExitStack() as stack:
         stack.callback(kill_all, found.folder)

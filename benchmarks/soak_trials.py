@@ -1,12 +1,13 @@
 """What is done to the stages of a project, and what came of it."""
 
+import json
 import math
 import os
 import random
 import signal
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
@@ -68,19 +69,32 @@ class Soak:
         self.tallies: dict[tuple[str, str], Tally] = {}
         self.seconds: dict[Step, list[float]] = {}
         self.states: list[State] = []
-        clone = make_project(self.folder)
+        took = self.folder / "states" / "seconds.json"
+        clone = self.folder / "project" if took.exists() else make_project(self.folder)
         self._room = Room(self.folder / "room", clone)
-        self._room.temporary.mkdir()
+        self._room.clear()
+        if took.exists():
+            self._use_again(json.loads(took.read_text(encoding="utf-8")))
+            return
         for number, step in enumerate(steps):
             self._keep(number, clone)
             settings = {**self._room.settings, "ADDRESSED_DYNAMICS_PROCESSES": "1"}
             self.seconds[step] = [run(clone, step, self.log, settings)]
             print(f"{step}: {self.seconds[step][0]:.1f} s undisturbed", flush=True)
         self._keep(len(steps), clone)
+        took.write_text(json.dumps({str(step): each for step, each in self.seconds.items()}), encoding="utf-8")
 
     def _keep(self, number: int, clone: Path) -> None:
         save(clone, self.folder / "states" / str(number))
         self.states.append(read_state(clone))
+
+    def _use_again(self, took: Mapping[str, list[float]]) -> None:
+        """Take over what an earlier soak in this folder ran undisturbed."""
+        if list(took) != [str(step) for step in self.steps]:
+            message = f"{self.folder}: an earlier soak went through other stages ({', '.join(took)})"
+            raise RuntimeError(message)
+        self.seconds = {step: took[str(step)] for step in self.steps}
+        self.states = [read_state(self.folder / "states" / str(number)) for number in range(len(self.steps) + 1)]
 
     @property
     def clone(self) -> Path:

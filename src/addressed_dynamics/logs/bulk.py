@@ -64,7 +64,7 @@ def write_log(
     if first is None:
         message = f"{path}: there is nothing to write, not even a description of spaces; give at least one block"
         raise LogError(message)
-    file = LogFile(path, first.spec, topic=topic, run=run)
+    file = LogFile(path, first.spec, topic=topic, run=run, is_kept=False)
     try:
         writer = _BulkWriter(file, seeds or ())
         for block in chain([first], blocks):

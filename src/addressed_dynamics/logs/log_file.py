@@ -51,13 +51,21 @@ _LARGEST_SEQUENCE = 0xFFFFFFFF
 class LogFile:
     """The unfinished file of a log, `path` with `.partial` appended; it gets its name when it is complete.
 
+    Args:
+        path: of the complete log.
+        spec: what its numbers mean.
+        topic: of its transitions, without their last part.
+        run: where they come from.
+        is_kept: whether the unfinished file stays if it cannot be completed, for `recover_log`.
+
     Raises:
         SpaceError: a dimension has a name that a log cannot hold.
         LogError: the file cannot be written, or another recording is using it or has left it unfinished.
     """
 
-    def __init__(self, path: Path, spec: SpaceSpec, *, topic: str, run: RunInfo) -> None:
+    def __init__(self, path: Path, spec: SpaceSpec, *, topic: str, run: RunInfo, is_kept: bool = True) -> None:
         self.path = path
+        self._is_kept = is_kept
         self.partial = path.with_name(f"{path.name}.partial")
         self.spec = spec
         self.safe_count = 0
@@ -97,15 +105,19 @@ class LogFile:
             write(*arguments)
         except OSError as error:
             self.abandon()
-            message = (
-                f"{self.partial}: the log cannot be written ({error.strerror}); {self.safe_count} transitions are safe "
-                f"in it: make room, then 'addressed-dynamics recover {self.partial}' writes them to a new file"
-            )
-            raise LogError(message) from error
+            raise LogError(self._unwritten(error)) from error
         except BaseException:
             # Ctrl-C inside a record leaves half of it in the file, which must not be completed with that.
             self.abandon()
             raise
+
+    def _unwritten(self, error: OSError) -> str:
+        if not self._is_kept:
+            return f"{self.path}: the log cannot be written ({error.strerror}); make room, and write it again"
+        return (
+            f"{self.partial}: the log cannot be written ({error.strerror}); {self.safe_count} transitions are safe "
+            f"in it: make room, then 'addressed-dynamics recover {self.partial}' writes them to a new file"
+        )
 
     def finish(self) -> None:
         """Complete the file and give it its name."""
