@@ -80,9 +80,9 @@ def soak(found: Soak, options: argparse.Namespace, room: SmallRoom | None, serve
             waiting.append(found.lose_mlflow(step, options.gone, server))
     steps = {each.stage: each for each in found.steps if each.experiment == options.experiments[0]}
     if "train_baselines" in steps and (not options.stages or "two" in options.stages):
-        for option in ("", "--wait-for-lock"):
-            waiting.append(found.pair(steps["train_ensemble"], steps["train_ensemble"], options.pairs, option))
-            waiting.append(found.pair(steps["train_addressing"], steps["train_baselines"], options.pairs, option))
+        for wait in ((), ("--wait-for-lock",)):
+            waiting.append(found.pair(steps["train_ensemble"], steps["train_ensemble"], options.pairs, wait))
+            waiting.append(found.pair(steps["train_addressing"], steps["train_baselines"], options.pairs, wait))
     end = time.monotonic() + 60 * options.minutes
     while waiting:
         found.draw.shuffle(waiting)  # so that in a short time a little of everything is done

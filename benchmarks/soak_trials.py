@@ -118,14 +118,23 @@ class Soak:
         return room.clone
 
     def start(
-        self, target: object, *, room: Room | None = None, log: Path | None = None, warm: bool = True, **more: str
+        self,
+        target: Step | str,
+        *,
+        options: Sequence[str] = (),
+        room: Room | None = None,
+        log: Path | None = None,
+        warm: bool = True,
+        **more: str,
     ) -> Command:
         """Start `dvc repro` of a stage, with one or two processes for trainings."""
         room = room or self._room
         processes = {"ADDRESSED_DYNAMICS_PROCESSES": "2" if self.draw.random() < 0.25 else "1"}
-        arguments = ("--single-item", str(target)) if isinstance(target, Step) else tuple(str(target).split())
+        arguments = ("--single-item", str(target)) if isinstance(target, Step) else (target,)
         settings = {**room.settings, **processes, **more}
-        return Command(room.clone, "repro", *arguments, log=log or self.log, settings=settings, warm=warm and self.warm)
+        return Command(
+            room.clone, *options, "repro", *arguments, log=log or self.log, settings=settings, warm=warm and self.warm
+        )
 
     def instant(self, step: Step) -> float:
         """Draw an instant of a stage, in seconds after its begin, as long as it takes now."""
@@ -295,17 +304,17 @@ class Soak:
             tally.said[f"({way}: {len(lines)} lines about MLflow)"] += 1
             yield
 
-    def pair(self, first: Step, second: Step, count: int, option: str) -> Iterator[None]:
+    def pair(self, first: Step, second: Step, count: int, options: Sequence[str]) -> Iterator[None]:
         """Let two `dvc repro` run at once, so many times; one that is refused is run again afterwards."""
         words = "the same" if first == second else f"{first.stage} and {second.stage}"
-        tally = self.tally(first, f"two at once: {words}{', waiting' if option else ''}")
+        tally = self.tally(first, f"two at once: {words}{', waiting' if options else ''}")
         last = max((first, second), key=self.steps.index)
         begin = next(step for step in self.steps if step.stage == "convert" and step.experiment == last.experiment)
         while tally.disturbed < count:
             self.begin(begin)
             commands = []
             for number, step in enumerate((first, second)):
-                commands.append(self.start(f"{option} {step}", log=self.folder / f"log{number}"))
+                commands.append(self.start(str(step), options=options, log=self.folder / f"log{number}"))
                 if not number:
                     commands[0].has_ended(self.draw.random() * 2 * max(self.seconds[begin][-3:]))
             tally.disturbed += 1
@@ -314,7 +323,8 @@ class Soak:
                 status = command.wait()
                 tally.said += remarks(command.log, last.experiment)
                 refused += bool(status)
-                if status is None or "Traceback" in command.log:
+                refusal = "is busy" in command.log or "Unable to acquire lock" in command.log
+                if status is None or "Traceback" in command.log or (status and not refusal):
                     self.fault(tally, f"two at once: status {status}", command)
             tally.said[f"({refused} of two were refused)"] += 1
             for step in (first, second):
