@@ -107,7 +107,7 @@ def test_what_a_model_makes_of_commands_is_recorded_as_predictions(tmp_path: Pat
 def test_models_of_motion_are_found_with_a_pfnn_beside_them(tmp_path: Path) -> None:
     folder = tmp_path / "pfnn"
     motion_model().save(folder, {})
-    named = find(str(folder), Path("nowhere.yaml"))
+    named = find(str(folder))
     assert named == Named(folder, "pfnn", "motion")
     driven = DrivenMotion.load(named)
     assert (driven.beside, driven.names) == (None, ("model",))
