@@ -166,4 +166,5 @@ def without_numbers(line: str) -> str:
     """Return a line with a sign in place of what differs from run to run."""
     line = re.sub(r"0x[0-9a-f]+|\b[0-9a-f]{12,}\b", "#", line)
     line = re.sub(r"/[\w./-]*?/project/", "", line)
+    line = re.sub(r"(/[\w.#-]+)+/(?=lib/python|site-packages)", "…/", line)
     return re.sub(r"\d+", "#", line).strip()[:300]

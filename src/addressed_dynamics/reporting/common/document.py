@@ -6,7 +6,7 @@ left out of the report.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -72,15 +72,22 @@ class Account:
 
 
 def write_account(
-    account: Account, trainings: Trainings, origin: Origin[Any], subject: Subject, target: Path
+    account: Account,
+    trainings: Trainings,
+    origin: Origin[Any],
+    subject: Subject,
+    target: Path,
+    beside: Callable[[Path], None] | None = None,
 ) -> Report:
     """Write the report that `build_report` makes of an account, with further measures of `subject`, into `target`.
+
+    What else belongs into its folder of figures, `beside` writes there.
 
     Raises:
         EvaluationError: the table of measures is missing or damaged.
     """
     report = build_report(account, trainings, origin, further_measures(subject.evaluation, account.titles))
-    write_report(report, target)
+    write_report(report, target, beside)
     return report
 
 

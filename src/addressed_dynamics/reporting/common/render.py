@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+from collections.abc import Callable
 from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
@@ -16,12 +17,14 @@ FIGURES = "figures"
 """Name of the folder of pictures beside the Markdown."""
 
 
-def write_report(report: Report, folder: Path) -> None:
-    """Write report.html, report.md and the folder of figures into `folder`."""
+def write_report(report: Report, folder: Path, beside: Callable[[Path], None] | None = None) -> None:
+    """Write report.html, report.md and the folder of figures into `folder`; `beside` writes more into the last."""
     with atomic_path(folder / FIGURES) as pictures:
         pictures.mkdir()
         for panel in report.panels:
             (pictures / f"{panel.name}.{panel.format}").write_bytes(panel.content)
+        if beside is not None:
+            beside(pictures)
     write_text(folder / "report.md", render_markdown(report))
     write_text(folder / "report.html", render_html(report))
 

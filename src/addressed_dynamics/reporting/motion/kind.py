@@ -5,7 +5,6 @@ from pathlib import Path
 from addressed_dynamics.features.motion.features import MotionFeatures
 from addressed_dynamics.reporting.common.document import write_account, write_unfinished
 from addressed_dynamics.reporting.common.origin import load_trained, origin_of
-from addressed_dynamics.reporting.common.render import FIGURES
 from addressed_dynamics.reporting.common.written import Subject, Written
 from addressed_dynamics.reporting.motion.card import motion_card
 from addressed_dynamics.reporting.motion.document import motion_account, motion_headline
@@ -26,6 +25,8 @@ def write(subject: Subject, target: Path) -> Written:
     origin = origin_of(subject, trained, features)
     paper = subject.params.paper is not None
     told = motion_account(results, origin, paper=paper)
-    report = write_account(told, results, origin, subject, target)
-    write_motion_scene(target / FIGURES / SCENE, results.evaluation, results.arrays)
+    report = write_account(
+        told, results, origin, subject, target,
+        beside=lambda figures: write_motion_scene(figures / SCENE, results.evaluation, results.arrays),
+    )  # fmt: skip
     return Written(motion_headline(results), report.verdict, card=motion_card(subject, results, origin, told))
