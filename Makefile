@@ -69,9 +69,9 @@ run: $(VENV)/installed
 	@# What a DVC that was killed left half written stops every later one until it is removed (docs/soak.md).
 	@find .dvc/cache/runs -type d -empty -delete 2> /dev/null; find .dvc/tmp/rwlock -size 0 -delete 2> /dev/null; true
 	@# The experiments side by side: DVC runs the stages of one 'dvc repro' in turn, and most keep one core busy. Each waits for the others' locks, which last seconds.
-	@# Of more than there are cores, the later ones take what the others leave: at the end of each a stage keeps one core alone.
+	@# Of more than there are cores, the later ones give way a little: at the end of each, a stage keeps one core alone.
 	@PATH="$(CURDIR)/$(BIN):$$PATH"; dvc status --quiet || \
-	    dvc stage list --name-only | grep '^report@' | awk '{ print (NR > $(JOBS) ? 10 : 0), $$0 }' | \
+	    dvc stage list --name-only | grep '^report@' | awk '{ print (NR > $(JOBS) ? 4 : 0), $$0 }' | \
 	    xargs -P $(EXPERIMENTS) -L 1 sh -c 'exec nice -n "$$0" dvc --wait-for-lock repro "$$1"'
 	@$(BIN)/addressed-dynamics verdicts
 
