@@ -36,8 +36,11 @@ def test_all_of_it_runs_on_the_cpu_at_tiny_sizes(
     figures = tmp_path / "gpu.json"
     tiny = benchmark.Sizes((2,), 100, 4, 2, rounds=1, seconds=0.0)
     threads = torch.get_num_threads()
-    benchmark.main(["--device", "cpu", "--figures", str(figures)], tiny)
-    torch.set_num_threads(threads)
+    try:
+        benchmark.main(["--device", "cpu", "--figures", str(figures)], tiny)
+    finally:
+        torch.set_num_threads(threads)
+        torch.set_flush_denormal(False)
     found = json.loads(figures.read_text())
     assert found["algorithm_1"]["same_bins"] is True
     assert found["rollouts"]["states_per_second"] > 0

@@ -485,6 +485,7 @@ def test_a_run_that_cannot_be_opened_leaves_none_open(
 
     write_params(store, "unopened")
     monkeypatch.setattr(runs, "log_params", fail)
+    monkeypatch.setattr(runs, "_PATIENCE", 0)  # the store is not left alone
     with stage_of("unopened", "evaluate") as run:
         assert run.id is None
     assert "could not open a run" in caplog.text

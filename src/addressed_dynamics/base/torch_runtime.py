@@ -32,10 +32,11 @@ def prepare_torch(threads: int) -> None:
     Raises:
         ParamsError: the environment asks for a device of another kind.
     """
+    asked = _asked_device()
     torch.set_num_threads(threads)
     torch.set_flush_denormal(True)
     torch.set_float32_matmul_precision("highest")
-    if _asked_device().type == "cuda":
+    if asked.type == "cuda":
         # cuBLAS reads it when it is first used.
         os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")
         # What has no such way is said by a warning. Memory is written before it is read: to fill it costs launches.
