@@ -8,9 +8,9 @@
 # gives back while a stage's own command runs. What is then locked are the paths that the stage reads and writes
 # (.dvc/tmp/rwlock), and for these DVC never waits, whatever the option.
 #
-# Output seen (numbers of processes taken out):
-#   the same stage, waiting: status 255, ERROR: '"out"' is busy, it is being blocked by:
-#   the same stage, not waiting: status 255, ERROR: '"out"' is busy, it is being blocked by:
+# Output seen (first line of each error, the project's folder taken out):
+#   the same stage, waiting: status 255, ERROR: failed to reproduce 'slow': 'out' is busy, it is being blocked by:
+#   the same stage, not waiting: status 255, ERROR: failed to reproduce 'slow': 'out' is busy, it is being blocked by:
 #   another stage, waiting: status 0, done while the first runs
 #   the first: status 0
 set -euo pipefail
@@ -39,7 +39,7 @@ until [ -e started ]; do sleep 0.2; done
 tell() {
     local status=0
     "${@:2}" > said.log 2>&1 || status=$?
-    echo "$1: status $status$(grep -a ERROR said.log | head -n 1 | sed 's/^/, /')"
+    echo "$1: status $status$(grep -a ERROR said.log | head -n 1 | sed "s#$folder/project/##; s/^/, /")"
 }
 {
     tell "the same stage, waiting" dvc --wait-for-lock repro slow
@@ -52,8 +52,8 @@ tell() {
 } > seen
 cat seen
 diff seen - <<'EXPECTED'
-the same stage, waiting: status 255, ERROR: '"out"' is busy, it is being blocked by:
-the same stage, not waiting: status 255, ERROR: '"out"' is busy, it is being blocked by:
+the same stage, waiting: status 255, ERROR: failed to reproduce 'slow': 'out' is busy, it is being blocked by:
+the same stage, not waiting: status 255, ERROR: failed to reproduce 'slow': 'out' is busy, it is being blocked by:
 another stage, waiting: status 0, done while the first runs
 the first: status 0
 EXPECTED
