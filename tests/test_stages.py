@@ -225,7 +225,8 @@ def test_a_gpu_that_is_asked_for_and_not_there_is_one_line_before_anything_is_re
 ) -> None:
     monkeypatch.setenv("ADDRESSED_DYNAMICS_DEVICE", "cuda")
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-    monkeypatch.setattr(torch, "use_deterministic_algorithms", lambda *_, **__: None)  # it holds for the whole process
+    for setting in ("use_deterministic_algorithms", "set_flush_denormal"):  # they hold for the whole process
+        monkeypatch.setattr(torch, setting, lambda *_, **__: None)
     for stage in (train_ensemble, train_baselines):
         assert call(monkeypatch, stage.main, "--kind", "motion") == 1
         error = capsys.readouterr().err.removesuffix("\n")
