@@ -141,6 +141,9 @@ def main() -> None:
     parser.add_argument("--stages", nargs="+", help="only these: record, convert, …, or two for two at once")
     parser.add_argument("--kills", type=int, default=100, help="of each stage, with DVC and its workers")
     parser.add_argument(
+        "--looks", type=int, default=20, help="before each kill, at what lies there while all is held still"
+    )
+    parser.add_argument(
         "--alone", type=int, default=10, help="of a worker alone, of its server, of the resource tracker"
     )
     parser.add_argument("--orphans", type=int, default=10, help="of DVC alone, while the stage goes on")
@@ -160,7 +163,7 @@ def main() -> None:
         options.full = 0
     print(f"seed {options.seed}", flush=True)
     steps = steps_of(options.experiments)
-    found = Soak(options.folder, options.seed, steps, warm=not options.cold)
+    found = Soak(options.folder, options.seed, steps, warm=not options.cold, looks=options.looks)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit("terminated"))
     with ExitStack() as stack:
         stack.callback(kill_all, found.folder)

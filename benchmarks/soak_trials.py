@@ -33,8 +33,6 @@ from soak_rooms import Room, SmallRoom
 
 MOST_KILLS = 8
 """A stage is killed up to so many times before it may end."""
-LOOKS = 20
-"""So often before each kill all is held still, and looked at."""
 SHOWN = 5
 """So many differences are named."""
 
@@ -62,9 +60,9 @@ class Tally:
 class Soak:
     """A project below a folder, and what was done to it."""
 
-    def __init__(self, folder: Path, seed: int, steps: list[Step], *, warm: bool) -> None:
+    def __init__(self, folder: Path, seed: int, steps: list[Step], *, warm: bool, looks: int) -> None:
         """Run all steps undisturbed, and keep what the project is like before and after each."""
-        self.folder, self.steps, self.warm = folder.resolve(), steps, warm
+        self.folder, self.steps, self.warm, self.looks = folder.resolve(), steps, warm, looks
         self.draw = random.Random(seed)
         self.tallies: dict[tuple[str, str], Tally] = {}
         self.seconds: dict[Step, list[float]] = {}
@@ -193,7 +191,7 @@ class Soak:
             clone = self.begin(step)
             for _ in range(min(self.draw.randint(1, MOST_KILLS), count - tally.disturbed)):
                 by, command = self.instant(step), self.start(step)
-                for early in sorted(self.draw.random() * by for _ in range(LOOKS)):
+                for early in sorted(self.draw.random() * by for _ in range(self.looks)):
                     if not command.has_ended(early):
                         with stopped(clone):
                             self.look(step, "killed", command, repairs=False)
