@@ -18,7 +18,7 @@ from addressed_dynamics.tracking import Run
 from addressed_dynamics.training.addressing import train_addressing
 from addressed_dynamics.training.baselines import PAIR, Baseline
 from addressed_dynamics.training.blended import BlendedEpoch, train_gated, train_phase_functioned
-from addressed_dynamics.training.ensemble import evaluate_profiles, train_ensemble
+from addressed_dynamics.training.ensemble import evaluate_profiles
 from addressed_dynamics.training.epochs import Epoch, updates_per_epoch
 from addressed_dynamics.training.estimates import seconds_per_update
 from addressed_dynamics.training.losses import reported_loss
@@ -28,6 +28,7 @@ from pipeline.trainings import (
     Stage,
     TrackedJob,
     addressing_seconds,
+    ensemble_job,
     ensemble_seconds,
     remove_checkpoints,
     resumable,
@@ -127,20 +128,7 @@ def _settings(baseline: Baseline) -> dict[str, Any]:
 
 
 def _job(stage: Stage, name: str, seed: int, baseline: Baseline, data: TrainingData[Any]) -> TrackedJob:
-    params = baseline.training
-    training: Callable[..., Iterator[Epoch]]
-    if isinstance(params, BlendedTraining):
-        training, seconds = (
-            _blended(baseline, params, data, seed),
-            _blended_seconds(baseline, params, data, stage.device),
-        )
-    else:
-        unit = data.features.loss_unit(reported_loss(params.loss))
-        training = partial(
-            train_ensemble, data.train, data.validation, params, seed=seed, loss_unit=unit, binning=baseline.binning,
-            augment=data.augment, updates=baseline.updates,
-        )  # fmt: skip
-        seconds = ensemble_seconds(data, params, stage.device)
+    params, title = baseline.training, f"{stage.experiment} baseline {name} seed={seed}"
     notes = {
         "baseline": name,
         "seed": seed,
@@ -148,8 +136,14 @@ def _job(stage: Stage, name: str, seed: int, baseline: Baseline, data: TrainingD
         "updates": baseline.updates,
         "features": baseline.features.model_dump(mode="json"),
     }
-    title, folder = f"{stage.experiment} baseline {name} seed={seed}", checkpoints_dir(stage.experiment)
-    return resumable(partial(training, device=stage.device), title, notes, folder, data, seconds=seconds)
+    if isinstance(params, BlendedTraining):
+        training = partial(_blended(baseline, params, data, seed), device=stage.device)
+        seconds = _blended_seconds(baseline, params, data, stage.device)
+        return resumable(training, title, notes, checkpoints_dir(stage.experiment), data, seconds=seconds)
+    return ensemble_job(
+        stage, data, params, seed, title, notes, seconds=ensemble_seconds(data, params, stage.device),
+        binning=baseline.binning, updates=baseline.updates,
+    )  # fmt: skip
 
 
 def _blended(

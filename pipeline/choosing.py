@@ -8,11 +8,18 @@ from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.tracking import Run
 from addressed_dynamics.training.addressing import train_addressing
 from addressed_dynamics.training.choosing import BRIEF_ADDRESSING, NUMBERS, best_number, brief
-from addressed_dynamics.training.ensemble import train_ensemble
 from addressed_dynamics.training.epochs import Epoch
 from addressed_dynamics.training.losses import reported_loss
 from pipeline.stage import checkpoints_dir
-from pipeline.trainings import Stage, TrackedJob, ensemble_seconds, resumable, scaled_profiles, train_tracked
+from pipeline.trainings import (
+    Stage,
+    TrackedJob,
+    ensemble_job,
+    ensemble_seconds,
+    resumable,
+    scaled_profiles,
+    train_tracked,
+)
 
 
 def choose_members(
@@ -28,24 +35,15 @@ def choose_members(
     if section.members != "auto":
         return section.with_members(section.members), None, {}
     seed, loss = section.seeds[0], reported_loss(section.loss)
-    unit = data.features.loss_unit(loss)
     sizes = {f"members-{number}": brief(section, number) for number in NUMBERS if number <= len(data.train)}
     jobs = {
-        name: resumable(
-            partial(
-                train_ensemble,
-                data.train,
-                data.validation,
-                params,
-                seed=seed,
-                loss_unit=unit,
-                augment=data.augment,
-                device=stage.device,
-            ),
+        name: ensemble_job(
+            stage,
+            data,
+            params,
+            seed,
             f"{stage.experiment} brief ensemble n={params.members} seed={seed}",
             {"ensemble": params.model_dump(mode="json"), "seed": seed},
-            checkpoints_dir(stage.experiment),
-            data,
             seconds=ensemble_seconds(data, params, stage.device),
         )
         for name, params in sizes.items()

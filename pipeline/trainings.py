@@ -156,25 +156,12 @@ def train_ensembles(
         recipe: all sections that the training depends on, JSON-compatible; kept with the networks.
         choices: what was chosen on validation samples before, by key; kept with the metrics.
     """
-    experiment, unit = stage.experiment, data.features.loss_unit(reported_loss(params.loss))
+    experiment = stage.experiment
     seconds = ensemble_seconds(data, params, stage.device)
+    title = f"{experiment} ensemble n={params.members} lr={params.optimiser.learning_rate:g}"
     jobs = {
-        f"seed-{seed}": resumable(
-            partial(
-                train_ensemble,
-                data.train,
-                data.validation,
-                params,
-                seed=seed,
-                loss_unit=unit,
-                augment=data.augment,
-                device=stage.device,
-            ),
-            f"{experiment} ensemble n={params.members} lr={params.optimiser.learning_rate:g} seed={seed}",
-            {**recipe, "seed": seed},
-            checkpoints_dir(experiment),
-            data,
-            seconds=seconds,
+        f"seed-{seed}": ensemble_job(
+            stage, data, params, seed, f"{title} seed={seed}", {**recipe, "seed": seed}, seconds=seconds
         )
         for seed in params.seeds
     }
@@ -196,6 +183,25 @@ def train_ensembles(
     write_rows(figures_dir(experiment, "ensemble") / "ensemble.csv", rows)
     remove_checkpoints(jobs)
     return results
+
+
+def ensemble_job(
+    stage: Stage,
+    data: TrainingData[Features],
+    params: EnsembleParams,
+    seed: int,
+    title: str,
+    settings: Mapping[str, Any],
+    *,
+    seconds: float,
+    **more: Any,
+) -> TrackedJob:
+    """Return the training of one ensemble, or of a single network; `more` goes to `train_ensemble`."""
+    training = partial(
+        train_ensemble, data.train, data.validation, params, seed=seed, augment=data.augment, device=stage.device,
+        loss_unit=data.features.loss_unit(reported_loss(params.loss)), **more,
+    )  # fmt: skip
+    return resumable(training, title, settings, checkpoints_dir(stage.experiment), data, seconds=seconds)
 
 
 def ensemble_seconds(data: TrainingData[Features], params: EnsembleParams, device: torch.device) -> float:
