@@ -1,5 +1,6 @@
 """One thin script per stage: read, call, write."""
 
+import os
 import sys
 from importlib.metadata import version
 from pathlib import Path
@@ -21,6 +22,9 @@ def _check_version(file: Path) -> None:
         )
 
 
+# Both are read when PyTorch and NumPy are imported. Threads that wait for each other must not keep a core busy that
+# another stage could use; and NumPy's sums must not depend on how many cores there are.
+os.environ |= {"OMP_WAIT_POLICY": "PASSIVE", "OPENBLAS_NUM_THREADS": "1"}
 # `run_stage` speaks for a stage, but only once the stage's imports are done, which may take seconds.
 sys.excepthook = _say_nothing_of_ctrl_c
 if (_VERSION := Path(__file__).with_name("version.txt")).is_file():

@@ -348,3 +348,12 @@ def test_results_are_said_in_words() -> None:
     assert first_of({"one_step": 1.0, "two": 0.123456, "three": 3.0, "four": 4.0}, 2) == "one step 1, two 0.1235"
     assert median_of({"a": {"loss": 0.5}}, "loss") == "0.5"
     assert median_of({"a": {"loss": 0.5}, "b": {"loss": 1.5}, "c": {}}, "loss") == "1 (median of 2)"
+
+
+def test_numpy_has_one_thread_in_a_stage_whatever_there_is() -> None:
+    code = "import pipeline, numpy, threadpoolctl as t; print({each['num_threads'] for each in t.threadpool_info()})"
+    settings = ENVIRONMENT | {"OPENBLAS_NUM_THREADS": "2"}
+
+    said = subprocess.run([sys.executable, "-c", code], env=settings, capture_output=True, text=True, check=True).stdout
+
+    assert said == "{1}\n"

@@ -3,6 +3,8 @@
 import os
 import re
 import signal
+import threading
+from multiprocessing import forkserver
 from typing import Any
 
 import pytest
@@ -124,3 +126,17 @@ def test_only_a_worker_that_was_killed_suggests_lack_of_memory() -> None:
 def test_the_end_of_a_worker_is_told_by_its_exit_code(code: int | None, words: str) -> None:
     assert re.search(words, death(code))
     assert "memory" not in death(code)
+
+
+def test_a_server_that_is_killed_while_it_is_asked_for_a_worker_is_one_project_error() -> None:
+    with worker_processes(2) as ordered_map:
+        assert list(ordered_map(square, [1, 2])) == [1, 4]
+    server = forkserver._forkserver._forkserver_pid  # type: ignore[attr-defined] # nothing else tells it
+    os.kill(server, signal.SIGSTOP)
+    threading.Timer(0.2, os.kill, (server, signal.SIGKILL)).start()
+
+    with pytest.raises(AddressedDynamicsError, match="the server that forks"), worker_processes(2) as ordered_map:
+        list(ordered_map(square, [1, 2]))
+
+    with worker_processes(2) as ordered_map:
+        assert list(ordered_map(square, [3])) == [9]

@@ -62,17 +62,23 @@ def worker_context() -> ForkServerContext:
 
 
 @contextmanager
-def deaf_to_interrupts() -> Iterator[None]:
+def starting_workers() -> Iterator[None]:
     """Start processes within this block: none of them hears Ctrl-C, which a terminal sends to every process.
 
     This process alone decides then; each of the others would show a traceback. They begin with the signal blocked; for
     this one it is only held back.
+
+    Raises:
+        AddressedDynamicsError: the server that forks them was killed meanwhile.
     """
     # The server of the workers needs the tracker, which unblocks the signal when it starts; so it has to run before.
     resource_tracker.ensure_running()
     previous = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
+    except (EOFError, ConnectionError) as error:
+        message = "the server that forks worker processes ended while it was asked for one; run the stage again"
+        raise AddressedDynamicsError(message) from error
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, previous)
 
@@ -143,5 +149,5 @@ def _signal_name(number: int) -> str:
 def _submit(
     pool: ProcessPoolExecutor, function: Callable[[Item], Result], items: Sequence[Item]
 ) -> list[Future[Result]]:
-    with deaf_to_interrupts():
+    with starting_workers():
         return [pool.submit(function, item) for item in items]

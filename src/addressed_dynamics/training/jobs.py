@@ -12,7 +12,7 @@ from multiprocessing.context import ForkServerProcess
 from addressed_dynamics.base.cluster import cluster_streams, engine
 from addressed_dynamics.base.errors import TrainingError
 from addressed_dynamics.base.failures import Failure
-from addressed_dynamics.base.processes import deaf_to_interrupts, death, worker_context
+from addressed_dynamics.base.processes import death, starting_workers, worker_context
 from addressed_dynamics.base.torch_runtime import prepare_torch
 from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.training.epochs import Epoch
@@ -78,7 +78,7 @@ def _start(job: Job) -> tuple[Connection, ForkServerProcess]:
     context = worker_context()
     receiver, sender = context.Pipe(duplex=False)
     process = context.Process(target=_work, args=(job, sender), daemon=True)
-    with deaf_to_interrupts():
+    with starting_workers():
         process.start()
     sender.close()
     return receiver, process
