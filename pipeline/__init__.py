@@ -4,12 +4,8 @@ import os
 import sys
 from importlib.metadata import version
 from pathlib import Path
-from types import TracebackType
 
-
-def _say_nothing_of_ctrl_c(kind: type[BaseException], error: BaseException, traceback: TracebackType | None) -> None:
-    if not issubclass(kind, KeyboardInterrupt):
-        sys.__excepthook__(kind, error, traceback)
+from addressed_dynamics.base.interrupts import say_nothing_of_interrupts
 
 
 def _check_version(file: Path) -> None:
@@ -26,6 +22,6 @@ def _check_version(file: Path) -> None:
 # another stage could use; and NumPy's sums must not depend on how many cores there are.
 os.environ |= {"OMP_WAIT_POLICY": "PASSIVE", "OPENBLAS_NUM_THREADS": "1"}
 # `run_stage` speaks for a stage, but only once the stage's imports are done, which may take seconds.
-sys.excepthook = _say_nothing_of_ctrl_c
+say_nothing_of_interrupts()
 if (_VERSION := Path(__file__).with_name("version.txt")).is_file():
     _check_version(_VERSION)

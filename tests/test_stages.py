@@ -357,3 +357,12 @@ def test_numpy_has_one_thread_in_a_stage_whatever_there_is() -> None:
     said = subprocess.run([sys.executable, "-c", code], env=settings, capture_output=True, text=True, check=True).stdout
 
     assert said == "{1}\n"
+
+
+@pytest.mark.parametrize("package", ["pipeline", "addressed_dynamics.cli"])
+def test_ctrl_c_while_modules_are_imported_shows_no_traceback(package: str) -> None:
+    code = f"import {package}, os, signal; os.kill(os.getpid(), signal.SIGINT)"
+
+    ended = subprocess.run([sys.executable, "-c", code], env=ENVIRONMENT, capture_output=True, text=True, check=False)
+
+    assert (ended.returncode, ended.stderr) == (-signal.SIGINT, "")
