@@ -36,6 +36,8 @@ HINDSIGHT = (
 """What a caption says of the lines of hindsight."""
 NOISE_FLOOR = "noise floor of the data (nearest neighbours)"
 """What a reader should see for it."""
+VARIANTS = {"plain": "with plain cross-entropy", "cost_sensitive": "that sees costly choices more often"}
+"""How the variants of an addressing network are trained."""
 
 
 def exogenous_table(data: DataResult) -> Table:
@@ -121,7 +123,7 @@ def _member_row(title: str, member: MemberResult) -> Row:
 
 
 def variants_table(evaluation: Evaluation) -> Table:
-    """Return plain and cost-sensitive addressing side by side, for every seed."""
+    """Return the variants of addressing that were trained side by side, for every seed."""
     columns = (
         Column("Addressing", numeric=False),
         Column("agreement"),
@@ -139,10 +141,12 @@ def variants_table(evaluation: Evaluation) -> Table:
         for seed, tables in evaluation.seeds.items()
         for variant, table in tables.items()
     ]
+    trained = {variant for tables in evaluation.seeds.values() for variant in tables}
+    which = [words for variant, words in VARIANTS.items() if variant in trained]
     caption = (
-        "The addressing network with plain cross-entropy and the cost-sensitive one, on the same held-out "
-        "transitions. Agreement: share for which the best network is selected. Regret: loss of the selected network "
-        "minus loss of the best, over all transitions. The one that the report is about stands out."
+        f"The addressing network {' and the one '.join(which)}, on the same held-out transitions. Agreement: share "
+        "for which the best network is selected. Regret: loss of the selected network minus loss of the best, over all "
+        "transitions. The one that the report is about stands out."
     )
     return Table(caption, columns, tuple(rows))
 
