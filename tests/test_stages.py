@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 import torch
 from example_params import EXAMPLE, MOTION, segment, write_params
+from pipeline_clones import warm_interpreter
 
 from addressed_dynamics.base.errors import LogError, ParamsError
 from addressed_dynamics.episodes.parquet import load_transitions
@@ -28,9 +29,12 @@ LONG = {"shard_transitions": 1000, "segments": [segment("long", {"kind": "random
 LONG["segments"][0]["transitions"] = 2_000_000
 
 
-def stage(name: str, folder: Path, *, stderr: int = subprocess.PIPE, **sections: Any) -> subprocess.Popen[str]:
+def stage(
+    name: str, folder: Path, *, stderr: int = subprocess.PIPE, python: str | Path = sys.executable, **sections: Any
+) -> subprocess.Popen[str]:
+    """Start a stage, by default in an interpreter that gets the signals of its process."""
     params = write_params(folder / "params.yaml", car=EXAMPLE | sections)
-    command = [sys.executable, "-W", "error", "-m", f"pipeline.{name}", "car", "--params", str(params)]
+    command = [python, "-W", "error", "-m", f"pipeline.{name}", "car", "--params", str(params)]
     return subprocess.Popen(command, cwd=folder, env=ENVIRONMENT, stderr=stderr, text=True)
 
 
@@ -53,7 +57,7 @@ def read_terminal(terminal: int) -> Iterator[str]:
 @pytest.mark.slow
 def test_record_and_convert_make_tables_of_an_experiment(tmp_path: Path) -> None:
     for name in ("record", "convert"):
-        status, stderr = finished(stage(name, tmp_path))
+        status, stderr = finished(stage(name, tmp_path, python=warm_interpreter() / "python"))
         assert status == 0, stderr
     total = sum(each["transitions"] for each in EXAMPLE["record"]["segments"])
     assert len(load_transitions(tmp_path / "data" / "tables" / "car")) == total
@@ -90,7 +94,7 @@ def test_an_interrupted_recording_is_one_line_and_leaves_nothing_under_its_name(
 
 @pytest.mark.slow
 def test_convert_without_a_recording_is_one_line(tmp_path: Path) -> None:
-    status, stderr = finished(stage("convert", tmp_path))
+    status, stderr = finished(stage("convert", tmp_path, python=warm_interpreter() / "python"))
     assert status == 1
     assert stderr.splitlines()[-1] == (
         "error: data/raw/car: expected MCAP logs (*.mcap), but there are none; run the record stage first"
@@ -310,7 +314,7 @@ for name in ("first", "second"):
     shutil.copytree("data/models/car", f"{name}/models")
     shutil.copytree("data/figures/car", f"{name}/figures")
 """
-"""In one process, which imports torch and MLflow once."""
+"""In one process, which gets ready to train once."""
 
 
 @pytest.mark.slow
@@ -319,7 +323,7 @@ def test_all_baselines_of_motion_are_trained_again_to_the_same_bytes(tmp_path: P
     write_params(tmp_path / "params.yaml", car=MOTION | {"baselines": MOTION["baselines"] | {"train": names}})
     environment = ENVIRONMENT | {"OMP_NUM_THREADS": "1", "ADDRESSED_DYNAMICS_PROCESSES": "1"}
     done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", TRAIN_BASELINES],
+        [warm_interpreter() / "python", "-W", "error", "-c", TRAIN_BASELINES],
         cwd=tmp_path, env=environment, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr

@@ -1,5 +1,6 @@
 import json
 import logging
+import os
 import platform
 import shutil
 import signal
@@ -14,6 +15,8 @@ from typing import Any
 from unittest.mock import MagicMock
 
 import pytest
+from pipeline_clones import warm_interpreter
+from stage_dependencies import ROOT
 
 from addressed_dynamics import tracking
 from addressed_dynamics.base.errors import TrackingError
@@ -175,7 +178,10 @@ def test_two_first_users_at_once_share_one_store(project: Path) -> None:
         "import sys; from addressed_dynamics import tracking\n"
         "with tracking.run(stage='s', experiment='shared', name=sys.argv[1], params={}): pass"
     )
-    users = [subprocess.Popen([sys.executable, "-c", program, name], cwd=project) for name in ("first", "second")]
+    python, environment = warm_interpreter() / "python", os.environ | {"PYTHONPATH": str(ROOT / "src")}
+    users = [
+        subprocess.Popen([python, "-c", program, name], cwd=project, env=environment) for name in ("first", "second")
+    ]
     assert [user.wait() for user in users] == [0, 0]
     server = client(project)
     kept = server.search_runs([server.get_experiment_by_name("shared").experiment_id])

@@ -58,6 +58,16 @@ def test_a_warm_command_may_be_a_program_or_a_script_beside_its_modules(tmp_path
         assert outputs[0] == outputs[1] != ""
 
 
+def test_a_warm_command_may_be_told_that_warnings_are_errors(tmp_path: Path) -> None:
+    program = "import sys, warnings; print(sys.warnoptions, flush=True); warnings.warn('early', stacklevel=1)"
+    for python in (warm_interpreter() / "python", sys.executable):
+        done = subprocess.run(
+            [python, "-W", "error", "-c", program], cwd=tmp_path, capture_output=True, text=True, check=False
+        )
+        assert (done.returncode, done.stdout) == (1, "['error']\n")
+        assert done.stderr.endswith("UserWarning: early\n")
+
+
 def test_a_warm_command_that_fails_shows_its_traceback_and_one_that_is_killed_its_signal(tmp_path: Path) -> None:
     warm = warm_interpreter() / "python"
     (tmp_path / "say.py").write_text("import sys\nraise ValueError(sys.argv[1])\n")

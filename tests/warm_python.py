@@ -22,10 +22,17 @@ import warnings
 from pathlib import Path
 
 PACKAGES = (
-    "torch", "mlflow", "mlflow.pyfunc", "mlflow.tracking", "sqlalchemy", "alembic", "gymnasium", "stable_baselines3",
-    "matplotlib.pyplot", "matplotlib.animation", "PIL.Image", "polars", "pyarrow.parquet", "pydantic", "jinja2",
-    "jaxtyping", "safetensors.torch", "mcap.reader", "ruamel.yaml", "yaml", "filelock", "tqdm", "zstandard", "lz4",
-    "dvc.cli", "dvc.cli.parser", "dvc.repo", "dvc.repo.experiments", "dvc.commands.repro", "dvc.stage.cache",
+    "torch", "torch._dynamo", "mlflow", "mlflow.pyfunc", "mlflow.tracking", "mlflow.store.tracking.sqlalchemy_store",
+    "mlflow.store.tracking.sqlalchemy_workspace_store", "mlflow.store.model_registry.sqlalchemy_workspace_store",
+    "mlflow.system_metrics.system_metrics_monitor", "sqlalchemy", "sqlalchemy.dialects.sqlite", "alembic",
+    "gymnasium", "gymnasium.envs.classic_control", "stable_baselines3", "matplotlib.pyplot", "matplotlib.animation",
+    "matplotlib.backends.backend_agg", "PIL.Image", "PIL.GifImagePlugin", "PIL.ImageDraw", "PIL.ImageFont",
+    "polars", "pyarrow.parquet", "pyarrow.dataset", "pyarrow.pandas_compat", "scipy.stats", "pydantic",
+    "pydantic.dataclasses", "jinja2", "jaxtyping", "safetensors.torch", "safetensors.numpy", "mcap.reader",
+    "mcap.writer", "ruamel.yaml", "yaml", "filelock", "tqdm", "zstandard", "lz4", "wcwidth", "tabulate",
+    "concurrent.futures.process", "multiprocessing.forkserver", "dvc.cli", "dvc.cli.parser", "dvc.repo",
+    "dvc.repo.experiments", "dvc.repo.index", "dvc.repo.plots", "dvc.commands.repro", "dvc.stage.cache",
+    "dvc_data.hashfile.db.local", "dulwich.worktree",
 )  # fmt: skip
 """What takes long to import and starts nothing by being imported."""
 
@@ -92,7 +99,11 @@ def _answer(client: socket.socket) -> None:
 
 
 def become(argv: list[str]) -> None:
-    """Run `-m module …`, `-c program …` or `script …` as the interpreter would."""
+    """Run `-m module …`, `-c program …` or `script …`, after `-W action` or not, as the interpreter would."""
+    if argv[0] == "-W":
+        _, action, *argv = argv
+        sys.warnoptions.append(action)  # what processes of its own get from it
+        warnings.simplefilter(action)
     option, *arguments = argv
     first = str(Path(option).parent) if not option.startswith("-") else str(Path.cwd())
     sys.path[:0] = [first, *filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))]
@@ -115,6 +126,7 @@ def main() -> None:
         warnings.simplefilter("ignore")
         for package in PACKAGES:
             importlib.import_module(package)
+        sys.modules["sqlalchemy.orm"].configure_mappers()  # of MLflow's tables, at the first question otherwise
     mine = [name for name in sys.modules if name.partition(".")[0] in {"addressed_dynamics", "pipeline"}]
     assert not mine, mine
     sys.path.pop(0)

@@ -17,6 +17,7 @@ import safetensors
 from builders import write_log
 from example_params import EXAMPLE, write_params
 from learning import drive
+from pipeline_clones import warm_interpreter
 from test_stages import ENVIRONMENT, finished, read_terminal
 
 from addressed_dynamics.base.memory import MEMORY
@@ -48,8 +49,11 @@ def closed_port() -> int:
         return int(probe.getsockname()[1])
 
 
-def start(name: str, folder: Path, stderr: int, memory: str | None = None) -> subprocess.Popen[str]:
-    command = [sys.executable, "-m", f"pipeline.{name}", "car", "--params", "params.yaml"]
+def start(
+    name: str, folder: Path, stderr: int, memory: str | None = None, python: str | Path = sys.executable
+) -> subprocess.Popen[str]:
+    """Start a stage, by default in an interpreter that gets the signals of its process."""
+    command = [python, "-m", f"pipeline.{name}", "car", "--params", "params.yaml"]
     settings = {"MLFLOW_TRACKING_URI": f"http://127.0.0.1:{closed_port()}", "ADDRESSED_DYNAMICS_PROCESSES": "2"}
     environment = ENVIRONMENT | settings | ({} if memory is None else {MEMORY: memory})
     return subprocess.Popen(command, cwd=folder, env=environment, stderr=stderr, text=True, start_new_session=True)
@@ -106,7 +110,7 @@ def trained(tables: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Pat
     folder = Path(shutil.copytree(tables, tmp_path_factory.mktemp("trained") / "project"))
     said = {}
     for name in STAGES:
-        with start(name, folder, subprocess.PIPE) as process:
+        with start(name, folder, subprocess.PIPE, python=warm_interpreter() / "python") as process:
             status, said[name] = finished(process)
         assert status == 0, said[name]
     return folder, said
@@ -143,7 +147,7 @@ def test_a_stage_that_is_killed_and_run_again_on_samples_in_files_ends_as_if_not
     kept = epochs_kept(folder)
     assert kept
     assert max(kept) < EPOCHS
-    with start(name, folder, subprocess.PIPE, memory="0") as process:
+    with start(name, folder, subprocess.PIPE, memory="0", python=warm_interpreter() / "python") as process:
         status, said = finished(process)
     assert status == 0, said
     assert not list(spools.iterdir())
