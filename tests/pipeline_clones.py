@@ -1,6 +1,5 @@
 """Clones of this working tree with the tiny params, in which DVC runs the pipeline."""
 
-import atexit
 import os
 import re
 import shutil
@@ -11,6 +10,7 @@ from functools import cache
 from pathlib import Path
 
 import warm_python
+from filelock import FileLock
 from stage_dependencies import ROOT
 
 KINDS = {"mountaincar": "transitions", "acrobot": "transitions", "pfnn": "motion"}
@@ -26,6 +26,8 @@ STAGES = (
     "report",
 )
 """The stages that each of them goes through."""
+_servers = list[subprocess.Popen[str]]()
+"""Nobody waits for them: another process may need them longer than the one that started them."""
 
 
 def environment(clone: Path) -> dict[str, str]:
@@ -44,30 +46,40 @@ def environment(clone: Path) -> dict[str, str]:
 
 @cache
 def warm_interpreter() -> Path:
-    """The folder of a `python` that has imported the packages already; its server lives as long as these tests."""
-    folder = Path(tempfile.mkdtemp(prefix="warm-python-"))
-    program, path = folder / "python", folder / "socket"
-    program.write_text(warm_python.SHIM.format(python=sys.executable, path=str(path)), encoding="utf-8")
-    program.chmod(0o755)
+    """The folder of a `python` that has imported the packages already: one for all processes that run these tests.
+
+    Whoever needs it first starts its server, which lives as long as one of them.
+    """
+    run = os.environ.get("PYTEST_XDIST_TESTRUNUID")
+    folder = Path(tempfile.gettempdir(), f"warm-python-{run}") if run else Path(tempfile.mkdtemp(prefix="warm-python-"))
+    folder.mkdir(mode=0o700, exist_ok=True)
+    with FileLock(folder / "lock"):
+        if not (folder / "python").exists():
+            _start_warm(folder)
+        os.open(folder / "users", os.O_WRONLY)  # until this process ends
+    return folder
+
+
+def _start_warm(folder: Path) -> None:
+    os.mkfifo(folder / "users")
     names = {"PYTHONPATH", "MLFLOW_TRACKING_URI"}
     settings = {name: value for name, value in os.environ.items() if name not in names}
     settings |= {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")}
     server = subprocess.Popen(
-        [sys.executable, warm_python.__file__, str(path)],
+        [sys.executable, warm_python.__file__, str(folder)],
         env=settings | {"MLFLOW_DISABLE_TELEMETRY": "true"},
-        stdin=subprocess.PIPE,
+        stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         text=True,
+        start_new_session=True,
     )
-
-    def end() -> None:
-        server.communicate()
-        shutil.rmtree(folder, ignore_errors=True)
-
-    atexit.register(end)
+    _servers.append(server)
     assert server.stdout is not None
-    assert server.stdout.readline() == warm_python.READY
-    return folder
+    with server.stdout as said:
+        assert said.readline() == warm_python.READY
+    program = folder / "python"
+    program.write_text(warm_python.SHIM.format(python=sys.executable, path=str(folder / "socket")), encoding="utf-8")
+    program.chmod(0o755)
 
 
 def dvc_command(clone: Path, *arguments: str) -> tuple[list[str], dict[str, str]]:

@@ -5,8 +5,8 @@ is spent importing torch and MLflow; here they are imported once, and each comma
 own arguments, folder, environment and streams. What belongs to this project is imported after the fork, from where the
 command's `PYTHONPATH` says.
 
-The first argument is the path of a socket. On it a client sends the command as JSON together with its three standard
-streams, and gets the exit status.
+The first argument is a folder. On the socket there a client sends the command as JSON together with its three standard
+streams, and gets the exit status; whoever has commands to run holds the named pipe `users` open for writing.
 """
 
 import gc
@@ -15,6 +15,7 @@ import json
 import os
 import runpy
 import select
+import shutil
 import signal
 import socket
 import sys
@@ -54,24 +55,27 @@ READY = "ready\n"
 """What is said once commands are answered."""
 
 
-def serve(path: Path) -> None:
-    """Run commands until standard input ends, as it does when the tests are killed; return in the fork of a command."""
+def serve(folder: Path) -> None:
+    """Run commands until the last user is gone, killed or not, and remove the folder; return in a command's fork."""
     with socket.socket(socket.AF_UNIX) as listener:
-        listener.bind(str(path))
+        listener.bind(str(folder / "socket"))
         listener.listen()
         # The forks share what was imported; the collector would copy it by looking at it.
         gc.collect()
         gc.freeze()
         sys.stdout.write(READY)
         sys.stdout.flush()
+        users = os.open(folder / "users", os.O_RDONLY)  # waits for the first
         while True:
-            ready, _, _ = select.select([listener, sys.stdin], [], [])
-            if sys.stdin in ready:
+            ready, _, _ = select.select([listener, users], [], [])
+            if users in ready:
+                shutil.rmtree(folder, ignore_errors=True)
                 sys.exit()
             client, _ = listener.accept()
             with client:
                 if os.fork() == 0:
                     listener.close()
+                    os.close(users)
                     _answer(client)
                     return
 
