@@ -19,6 +19,8 @@ import pytest
 from driven import motion_model
 from learning import drive, untrained_model
 from packed_models import write_addressed, write_trusted
+from pipeline_clones import warm_interpreter
+from stage_dependencies import ROOT
 
 from addressed_dynamics import tracking
 from addressed_dynamics.base.criteria import Criterion, is_better
@@ -209,8 +211,9 @@ def test_the_champion_of_a_moved_project_loads_and_unpickles_nothing(project: Pa
         assert tracking.find_runs("moved", []) == {}  # the first use of a store tells it where it is
         shutil.rmtree(project / ".mlflow" / "artifacts" / "moved")
     done = subprocess.run(
-        [sys.executable, "-c", LOADING, uri, "models:/moved@champion"], capture_output=True, text=True, check=False
-    )
+        [warm_interpreter() / "python", "-c", LOADING, uri, "models:/moved@champion"],
+        env=os.environ | {"PYTHONPATH": str(ROOT / "src")}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
     assert done.returncode == 0, done.stderr
     names = [f"next_observation.{name}{end}" for end in ("", ".low", ".high") for name in ("position", "speed")]
     assert done.stdout.strip() == f"[] {[*names, 'trust']} 2"
