@@ -24,6 +24,8 @@ LONGEST = (
     "test_third_kind.py",
     "test_interruptions.py",
     "test_pipeline_changes.py",  # when test_pipeline.py has made what it changes
+    "test_registry.py",
+    "test_exporting.py",
     "test_report.py",
 )
 """Files that take long: begun first, they are not what one worker does while the others have nothing left to do."""
