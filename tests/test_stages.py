@@ -35,7 +35,12 @@ def stage(
     """Start a stage, by default in an interpreter that gets the signals of its process."""
     params = write_params(folder / "params.yaml", car=EXAMPLE | sections)
     command = [python, "-W", "error", "-m", f"pipeline.{name}", "car", "--params", str(params)]
-    return subprocess.Popen(command, cwd=folder, env=ENVIRONMENT, stderr=stderr, text=True)
+    return subprocess.Popen(command, cwd=folder, env=ENVIRONMENT, stderr=stderr, text=True, preexec_fn=hear_interrupts)
+
+
+def hear_interrupts() -> None:
+    """Let a new process hear Ctrl-C: a shell's background jobs ignore it, and so would what these tests start there."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def finished(process: subprocess.Popen[str]) -> tuple[int, str]:

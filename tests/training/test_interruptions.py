@@ -18,7 +18,7 @@ from builders import write_log
 from example_params import EXAMPLE, write_params
 from learning import drive
 from pipeline_clones import warm_interpreter
-from test_stages import ENVIRONMENT, finished, read_terminal
+from test_stages import ENVIRONMENT, finished, hear_interrupts, read_terminal
 
 from addressed_dynamics.base.memory import MEMORY
 from addressed_dynamics.base.params.experiments import load_experiment
@@ -56,7 +56,10 @@ def start(
     command = [python, "-m", f"pipeline.{name}", "car", "--params", "params.yaml"]
     settings = {"MLFLOW_TRACKING_URI": f"http://127.0.0.1:{closed_port()}", "ADDRESSED_DYNAMICS_PROCESSES": "2"}
     environment = ENVIRONMENT | settings | ({} if memory is None else {MEMORY: memory})
-    return subprocess.Popen(command, cwd=folder, env=environment, stderr=stderr, text=True, start_new_session=True)
+    return subprocess.Popen(
+        command, cwd=folder, env=environment, stderr=stderr, text=True, start_new_session=True,
+        preexec_fn=hear_interrupts,
+    )  # fmt: skip
 
 
 def cut_off(
