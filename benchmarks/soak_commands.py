@@ -20,6 +20,10 @@ SCANS, PAUSE = 3, 0.02
 """So often in a row, and so many seconds apart, no process must be found before all are taken for ended."""
 
 _BAR = re.compile(r"[\w ]+: [^\[\n]*\[\d\d:\d\d[^\]]*\]")
+_TRACKER = re.compile(
+    r'Traceback \(most recent call last\):\n  File "[^"\n]*/multiprocessing/resource_tracker\.py".*?\nKeyError: [^\n]*',
+    re.DOTALL,
+)
 _EXPECTED = re.compile(
     r"Running stage|> python -m|Generating lock file|Updating lock file|To track the changes|\tgit add|"
     r"To enable auto staging|\tdvc config|Use `dvc push`|\w+: \d+ trainings?, |.* INFO mlflow|\s*$"
@@ -153,6 +157,14 @@ class Command:
         """Kill it with all that it started, as if the machine lost its power."""
         kill_all(self.clone)
         self._process.wait()
+
+
+def shows_traceback(log: str) -> bool:
+    """Say whether there is a traceback in what was said, but for those that Python's own resource tracker shows.
+
+    One that is started in place of a killed one does not know of the semaphores that it is asked to forget.
+    """
+    return "Traceback" in _TRACKER.sub("", log)
 
 
 def remarks(log: str, experiment: str) -> Counter[str]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
-from soak_commands import PAUSE, Command, commands_in, remarks, stopped
+from soak_commands import PAUSE, Command, commands_in, remarks, shows_traceback, stopped
 from soak_mlflow import SERVER, WAYS, Server, taken_away
 from soak_projects import (
     State,
@@ -163,7 +163,7 @@ class Soak:
         tally.ended += 1
         if wrong := differences(room.clone, self.states[self.steps.index(step) + 1]):
             self.fault(tally, f"{step} ends otherwise: {'; '.join(wrong[:SHOWN])}", command)
-        if "Traceback" in command.log:
+        if shows_traceback(command.log):
             self.fault(tally, f"{step} shows a traceback", command)
         if kind != "MLflow gone" and "MLflow: could not" in command.log:
             self.fault(tally, f"{step} has lost MLflow for good", command)
@@ -181,7 +181,7 @@ class Soak:
         if mine and repairs:
             repair(clone, self.folder / "states" / str(number), mine)
             tally.dvc["repaired by hand"] += 1
-        if "Traceback" in command.log:
+        if shows_traceback(command.log):
             self.fault(tally, f"{step} shows a traceback", command)
 
     def kill(self, step: Step, count: int) -> Iterator[None]:
@@ -252,7 +252,7 @@ class Soak:
             for each in (command, again):
                 tally.said += remarks(each.log, step.experiment)
             lines = [line for line in again.log.splitlines() if line.startswith("error: ")]
-            if status is None or (status and len(lines) != 1) or "Traceback" in command.log + again.log:
+            if status is None or (status and len(lines) != 1) or shows_traceback(command.log + again.log):
                 self.fault(tally, f"{step}: run again beside its orphan: status {status}, {lines}", again)
             self.look(step, kind, again)
             self.finish(step, kind)
@@ -322,7 +322,7 @@ class Soak:
                 tally.said += remarks(command.log, last.experiment)
                 refused += bool(status)
                 refusal = "is busy" in command.log or "Unable to acquire lock" in command.log
-                if status is None or "Traceback" in command.log or (status and not refusal):
+                if status is None or shows_traceback(command.log) or (status and not refusal):
                     self.fault(tally, f"two at once: status {status}", command)
             tally.said[f"({refused} of two were refused)"] += 1
             for step in (first, second):
