@@ -5,8 +5,10 @@ from functools import partial
 from addressed_dynamics import tracking
 from addressed_dynamics.base.files import atomic_path, write_json
 from addressed_dynamics.base.kinds import supplied
+from addressed_dynamics.base.memory import memory_for_samples
 from addressed_dynamics.base.params.experiments import load_experiment
 from addressed_dynamics.evaluation.common.evaluated import write_evaluated
+from addressed_dynamics.features.common.spool import Spool
 from addressed_dynamics.simulators.calibrated import write_trust
 from addressed_dynamics.simulators.delivery import write_delivered
 from addressed_dynamics.simulators.packing import packed
@@ -15,6 +17,7 @@ from addressed_dynamics.simulators.starts import write_starts
 from pipeline.stage import (
     Call,
     available_cores,
+    checkpoints_dir,
     evaluation_dir,
     first_of,
     models_dir,
@@ -29,7 +32,8 @@ def main(call: Call) -> str:
     """Evaluate the models of an experiment; return what came out."""
     experiment, evaluate = call.experiment, supplied("evaluation", call.kind).evaluate
     params = load_experiment(call.params_file, experiment, call.kind).evaluation
-    found = evaluate(tables_dir(experiment), models_dir(experiment), params, cores=available_cores())
+    spool = Spool(checkpoints_dir(experiment), memory_for_samples())
+    found = evaluate(tables_dir(experiment), models_dir(experiment), params, cores=available_cores(), spool=spool)
     write_trust(models_dir(experiment), found.calibrated, found.uncalibrated)
     write_starts(models_dir(experiment), found.starts)
     write_task(models_dir(experiment), found.task)

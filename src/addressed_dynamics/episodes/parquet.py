@@ -7,7 +7,7 @@ split has a folder of its own, `train`, `validation` or `test`, so that one is r
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -50,6 +50,8 @@ SCALARS = {
 """Columns that are the same for every environment."""
 COUNTERS = ("episode", "step", "time_ns")
 LABEL = pa.dictionary(pa.int8(), pa.string())
+Make = Callable[[tuple[int, ...], Any], np.ndarray]
+"""Makes an empty array (shape, dtype); where it lies is up to it."""
 
 
 @dataclass(frozen=True)
@@ -160,7 +162,7 @@ def table_files(folder: Path, split: Split | None = None) -> list[Path]:
     return files_of_kind(folder, FOLDER, SPLITS, split)
 
 
-def load_transitions(folder: Path, split: Split | None = None) -> Transitions:
+def load_transitions(folder: Path, split: Split | None = None, *, make: Make = np.empty) -> Transitions:
     """Read all transitions in `folder`, or those of one split without a look at the others.
 
     They come file by file, each the table of a log, and of all splits in the order of the episodes' numbers there.
@@ -168,12 +170,14 @@ def load_transitions(folder: Path, split: Split | None = None) -> Transitions:
     Args:
         folder: an experiment's folder of tables, for instance `data/tables/mountaincar`.
         split: `train`, `validation` or `test`; None for all.
+        make: makes the columns of a split (shape, dtype).
 
     Raises:
         TableError: a file is missing or damaged, or no episode is in the split.
     """
     if split is not None:
-        return _joined(TransitionStream(folder, split))
+        stream = TransitionStream(folder, split)
+        return joined(stream, stream.rows, make)
     by_log: dict[str, list[Transitions]] = {}
     for path in table_files(folder, split):
         by_log.setdefault(path.name, []).append(read_table(path).transitions)
@@ -185,14 +189,23 @@ def load_transitions(folder: Path, split: Split | None = None) -> Transitions:
     return transitions
 
 
-def _joined(stream: TransitionStream) -> Transitions:
-    """Return what comes in parts as a whole; no more than a part is in memory twice."""
+def joined(parts: Iterable[Transitions], rows: int, make: Make = np.empty) -> Transitions:
+    """Return transitions that come in parts as a whole; no more than a part is in memory beside the columns.
+
+    Args:
+        parts: at least one.
+        rows: as many as they have together, or more.
+        make: makes the columns (shape, dtype).
+
+    Raises:
+        TransitionsError: an episode is not whole, or in two places.
+    """
     columns, count = dict[str, np.ndarray](), 0
-    for part in stream:
+    for part in parts:
         for name in COLUMNS:
             values = getattr(part, name)
             if name not in columns:
-                columns[name] = np.empty((stream.rows, *values.shape[1:]), values.dtype)
+                columns[name] = make((rows, *values.shape[1:]), values.dtype)
             columns[name][count : count + len(part)] = values
         count += len(part)
         spec = part.spec

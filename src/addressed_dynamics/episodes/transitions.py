@@ -19,6 +19,9 @@ NO_BOUND = 1e30
 """A bound as far out as this is none."""
 
 
+CHECKED_ROWS = 2**18
+"""Rows that are checked together."""
+
 LEARNED = "addressed_dynamics/Learned-v0"
 """Gymnasium identifier of a model as an environment: transitions from there are predictions."""
 
@@ -251,10 +254,13 @@ def _check_columns(transitions: Transitions) -> None:
                 f"but is {column.dtype.name} of shape {column.shape}"
             )
             raise TransitionsError(message)
-        if column.dtype == np.float32 and not np.isfinite(column).all():
-            row = int(np.flatnonzero(~np.isfinite(column).reshape(length, -1).all(axis=1))[0])
-            message = f"column '{name}' has a value that is not finite in row {row}: {column[row].tolist()}"
-            raise TransitionsError(message)
+        for rows in _blocks(length) if column.dtype == np.float32 else ():
+            if not np.isfinite(column[rows]).all():
+                row = rows.start + int(
+                    np.flatnonzero(~np.isfinite(column[rows]).reshape(len(column[rows]), -1).all(axis=1))[0]
+                )
+                message = f"column '{name}' has a value that is not finite in row {row}: {column[row].tolist()}"
+                raise TransitionsError(message)
     if isinstance(action_spec, DiscreteAction) and length:
         lowest, highest = int(transitions.action.min()), int(transitions.action.max())
         if lowest < 0 or highest >= action_spec.count:
@@ -265,25 +271,34 @@ def _check_columns(transitions: Transitions) -> None:
 def _check_episodes(transitions: Transitions) -> None:
     if not len(transitions):
         return
-    episode, step = transitions.episode, transitions.step
-    same = episode[1:] == episode[:-1]
-    _refuse_first(transitions, same & (np.diff(step) != 1), "is not followed by the next step of its episode")
-    jump = same & (transitions.next_observation[:-1] != transitions.observation[1:]).any(axis=1)
-    _refuse_first(transitions, jump, "has a next_observation that is not the observation of the step after it")
-    ends = transitions.terminated | transitions.truncated
-    _refuse_first(transitions, same & ends[:-1], "ends its episode, but more steps of the episode follow")
-    starts = np.append(True, ~same)
-    values, counts = np.unique(episode[starts], return_counts=True)
+    starts = [transitions.episode[:1]]
+    for rows in _blocks(len(transitions)):
+        # With the row before them, which the first of them follows.
+        first = max(rows.start - 1, 0)
+        block = {name: getattr(transitions, name)[first : rows.stop] for name in COLUMNS}
+        episode = block["episode"]
+        same = episode[1:] == episode[:-1]
+        jump = same & (block["next_observation"][:-1] != block["observation"][1:]).any(axis=1)
+        ends = block["terminated"] | block["truncated"]
+        for broken, what in (
+            (same & (np.diff(block["step"]) != 1), "is not followed by the next step of its episode"),
+            (jump, "has a next_observation that is not the observation of the step after it"),
+            (same & ends[:-1], "ends its episode, but more steps of the episode follow"),
+        ):
+            if broken.any():
+                row = first + int(np.flatnonzero(broken)[0])
+                message = f"row {row} (episode {transitions.episode[row]}, step {transitions.step[row]}) {what}"
+                raise TransitionsError(message)
+        starts.append(episode[1:][~same])
+    values, counts = np.unique(np.concatenate(starts), return_counts=True)
     if (counts > 1).any():
         message = f"the rows of episode {values[counts > 1][0]} are not contiguous, or two recordings share the number"
         raise TransitionsError(message)
 
 
-def _refuse_first(transitions: Transitions, broken: Bool[np.ndarray, " step"], what: str) -> None:
-    if broken.any():
-        row = int(np.flatnonzero(broken)[0])
-        message = f"row {row} (episode {transitions.episode[row]}, step {transitions.step[row]}) {what}"
-        raise TransitionsError(message)
+def _blocks(count: int) -> Iterator[slice]:
+    for first in range(0, count, CHECKED_ROWS):
+        yield slice(first, min(first + CHECKED_ROWS, count))
 
 
 def _dimension_to_json(dimension: Dimension) -> dict[str, Any]:

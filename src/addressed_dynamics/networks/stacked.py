@@ -181,41 +181,34 @@ class StackedMLP(nn.Module):
 
 def in_chunks(function: Callable[[Tensor], Tensor], x: Float[Tensor, "sample input"], *, sample_dim: int) -> Tensor:
     """Apply `function` to blocks of rows of `x` without gradients and join the results along `sample_dim`."""
-    with torch.no_grad():
-        first, *others = torch.split(x, CHUNK_ROWS)
-        result = function(first)
-        if not others:
-            return result
-        # Written to their place at once: small results that are kept between large temporary tensors leave holes on the
-        # heap into which the next temporary does not fit, and a million rows take a gigabyte.
-        shape = list(result.shape)
-        shape[sample_dim] = len(x)
-        joined = result.new_empty(shape)
-        joined.narrow(sample_dim, 0, len(first)).copy_(result)
-        for index, block in enumerate(others, start=1):
-            joined.narrow(sample_dim, index * CHUNK_ROWS, len(block)).copy_(function(block))
-        return joined
+    return in_blocks(lambda rows: function(x[rows]), range(len(x)), sample_dim=sample_dim)
 
 
 def in_blocks(
-    function: Callable[[slice], Tensor], rows: range, *, make: Callable[..., Tensor] = torch.empty
-) -> Float[Tensor, "row ..."]:
+    function: Callable[[slice], Tensor], rows: range, *, sample_dim: int = 0, make: Callable[..., Tensor] = torch.empty
+) -> Float[Tensor, "..."]:
     """Apply `function` to blocks of consecutive rows, without gradients, and join the results, a row for each.
 
     Args:
         function: takes the rows of a block.
         rows: all rows.
+        sample_dim: the dimension of the results that has an entry for each row.
         make: makes the tensor for the results (shape, dtype=, device=), if there is more than one block.
     """
     with torch.no_grad():
         result = function(slice(rows.start, min(rows.start + CHUNK_ROWS, rows.stop)))
         if len(rows) <= CHUNK_ROWS:
             return result
-        joined = make((len(rows), *result.shape[1:]), dtype=result.dtype, device=result.device)
-        joined[:CHUNK_ROWS] = result
+        # Written to their place at once: small results that are kept between large temporary tensors leave holes on the
+        # heap into which the next temporary does not fit, and a million rows take a gigabyte.
+        shape = list(result.shape)
+        shape[sample_dim] = len(rows)
+        joined = make(tuple(shape), dtype=result.dtype, device=result.device)
+        joined.narrow(sample_dim, 0, CHUNK_ROWS).copy_(result)
         for first in range(CHUNK_ROWS, len(rows), CHUNK_ROWS):
             stop = min(first + CHUNK_ROWS, len(rows))
-            joined[first:stop] = function(slice(rows.start + first, rows.start + stop))
+            block = function(slice(rows.start + first, rows.start + stop))
+            joined.narrow(sample_dim, first, stop - first).copy_(block)
             if not first // CHUNK_ROWS % BLOCKS_HELD:
                 release(joined)
         return joined

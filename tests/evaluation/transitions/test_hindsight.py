@@ -28,15 +28,15 @@ def test_one_member_in_hindsight_is_the_member_and_so_is_one_random_guess(loss: 
 
 def test_random_guesses_have_the_mean_and_the_covariance_of_the_members_at_every_point() -> None:
     members = torch.tensor([[1.0, 4.0], [3.0, 4.0], [2.0, 10.0], [-2.0, 6.0]])
-    guesses = random_guesses(members.unsqueeze(1).expand(4, 50_000, 2)).flatten(end_dim=1).numpy()
+    guesses = random_guesses(members.unsqueeze(1).expand(4, 50_000, 2))(slice(None)).flatten(end_dim=1).numpy()
     np.testing.assert_allclose(guesses.mean(axis=0), members.mean(dim=0), atol=0.03)
     np.testing.assert_allclose(np.cov(guesses.T), np.cov(members.numpy().T, bias=True), atol=0.08)
 
 
 def test_random_guesses_are_independent_of_each_other_and_the_same_every_time() -> None:
     outputs = torch.randn(3, 20_000, 1, generator=torch.Generator().manual_seed(1))
-    guesses = random_guesses(outputs)
-    assert torch.equal(guesses, random_guesses(outputs))
+    guesses = random_guesses(outputs)(slice(None))
+    assert torch.equal(guesses[:, 1:], random_guesses(outputs)(slice(1, None)))
     shares = (guesses - outputs.mean(dim=0))[..., 0] / outputs.std(dim=0, correction=0)[..., 0]
     np.testing.assert_allclose(np.corrcoef(shares.numpy()), np.eye(3), atol=0.03)
 

@@ -7,7 +7,9 @@ from builders import CAR
 
 from addressed_dynamics.evaluation.common.bootstrap import ratio_of_medians
 from addressed_dynamics.evaluation.transitions.paired import PairedErrors, paired_errors
+from addressed_dynamics.evaluation.transitions.points import Points
 from addressed_dynamics.evaluation.transitions.truth import TrueRollouts
+from addressed_dynamics.features.common.spool import IN_MEMORY
 
 OWN, OTHER = "ensemble/argmax", "linear/seed-0"
 
@@ -15,8 +17,14 @@ OWN, OTHER = "ensemble/argmax", "linear/seed-0"
 class PointsOf:
     """Points of which only the episodes are asked."""
 
+    scratch, run = IN_MEMORY, Points.run
+
     def __init__(self, episode: list[int]) -> None:
         self.episode = np.array(episode)
+        self.begins = np.append(np.flatnonzero(np.diff(episode, prepend=-1)), len(episode))
+
+    def __len__(self) -> int:
+        return len(self.episode)
 
 
 def truth(states: np.ndarray, episode: np.ndarray | None = None) -> TrueRollouts:
@@ -27,8 +35,8 @@ def truth(states: np.ndarray, episode: np.ndarray | None = None) -> TrueRollouts
 
 
 def test_losses_are_summed_over_the_points_of_each_episode() -> None:
-    losses = {OWN: torch.tensor([1.0, 2.0, 4.0, 8.0]), OTHER: torch.tensor([1.0, 0.0, 0.0, 3.0])}
-    found = paired_errors(losses, PointsOf([7, 3, 7, 3]), {OWN: np.zeros((1, 1, 1))}, truth(np.zeros((1, 2, 1))))
+    losses = {OWN: torch.tensor([1.0, 4.0, 2.0, 8.0]), OTHER: torch.tensor([1.0, 0.0, 0.0, 3.0])}
+    found = paired_errors(losses, PointsOf([7, 7, 3, 3]), {OWN: np.zeros((1, 1, 1))}, truth(np.zeros((1, 2, 1))))
     assert found.episode.tolist() == [3, 7]
     assert found.samples.tolist() == [2, 2]
     assert {name: each.tolist() for name, each in found.one_step.items()} == {OWN: [10.0, 5.0], OTHER: [3.0, 1.0]}

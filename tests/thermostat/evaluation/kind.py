@@ -8,14 +8,15 @@ from addressed_dynamics.features.thermostat.kind import ThermostatFeatures
 from addressed_dynamics.sources.thermostat.params import EvaluationParams
 
 from addressed_dynamics.evaluation.common.evaluated import Evaluated
+from addressed_dynamics.features.common.spool import Spool
 from addressed_dynamics.networks.addressing import addressing_scores
 from addressed_dynamics.networks.files import addressed_folders, load_network
 from addressed_dynamics.simulators.delivery import Delivered
 
 
-def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int) -> Evaluated:
+def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int, spool: Spool) -> Evaluated:
     """Evaluate the ensemble on temperatures that it has not seen."""
-    del cores
+    del cores, spool
     ensemble, addressing = (load_network(each, ThermostatFeatures) for each in addressed_folders(models, 0, None))
     with np.load(tables / "values.npz") as arrays:
         samples = ensemble.features.samples(arrays["test"])

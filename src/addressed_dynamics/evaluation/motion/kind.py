@@ -25,6 +25,7 @@ from addressed_dynamics.evaluation.motion.suite import (
     shown_candidates,
 )
 from addressed_dynamics.evaluation.motion.summary import summarise
+from addressed_dynamics.features.common.spool import Spool
 from addressed_dynamics.features.motion.features import MotionFeatures
 from addressed_dynamics.networks.files import load_network
 from addressed_dynamics.simulators.delivery import Delivered
@@ -38,7 +39,14 @@ HELD_OUT: tuple[MotionSplit, ...] = ("test", "cycles", "rows")
 """Splits that are evaluated: whole clips, which are always needed, and what else the params hold out."""
 
 
-def evaluate(tables: Path, models: Path, params: MotionEvaluationParams, *, cores: int) -> Evaluated:
+def evaluate(
+    tables: Path,
+    models: Path,
+    params: MotionEvaluationParams,
+    *,
+    cores: int,
+    spool: Spool | None = None,  # noqa: ARG001 - motion is judged in memory
+) -> Evaluated:
     """Evaluate the models in the folder `models` on the held-out frames in `tables`, and in the closed loop."""
     prepare_torch(threads=1)
     filled = {"test", *read_columns(tables, ["split"])["split"].tolist()}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -17,7 +17,8 @@ from addressed_dynamics.base.params.training import EnsembleParams
 from addressed_dynamics.base.torch_runtime import named_generator
 from addressed_dynamics.evaluation.transitions.points import Points
 from addressed_dynamics.features.common.samples import Samples
-from addressed_dynamics.features.transitions.windows import last_rows, windows
+from addressed_dynamics.features.common.spool import Scratch
+from addressed_dynamics.features.transitions.windows import windows
 from addressed_dynamics.networks.stacked import CHUNK_ROWS, StackedMLP
 from addressed_dynamics.simulators.addressed import AddressedDynamics
 from addressed_dynamics.simulators.trust import (
@@ -94,7 +95,7 @@ def calibrate(
     Raises:
         EvaluationError: there are too few validation episodes.
     """
-    episodes = len(np.unique(validation.episode))
+    episodes = len(validation.begins) - 1
     if episodes < FEWEST_EPISODES:
         message = (
             f"calibration needs at least {FEWEST_EPISODES} validation episodes, but there are {episodes}: raise "
@@ -184,30 +185,55 @@ def stretches(points: Points, steps: int, most: int, name: str) -> Stretches:
         most: number of starts, at most.
         name: of the source of randomness.
     """
-    order = torch.randperm(len(points), generator=named_generator(0, name)).numpy()
-    left = last_rows(points.transitions)[points.rows] - points.rows + 1
-    far = _in_turn(order[left[order] >= min(LONG, steps)], points.episode)[: most // 2]
-    near = _in_turn(order[~np.isin(order, far)], points.episode)[: most - len(far)]
+    order = shuffled(len(points), name, points.scratch)
+    ends = np.cumsum(points.lengths)
+
+    def long_enough(point: Int64[np.ndarray, " chosen"]) -> Bool[np.ndarray, " chosen"]:
+        row = points.rows[point]
+        long: Bool[np.ndarray, " chosen"] = ends[np.searchsorted(ends, row, side="right")] - row >= min(LONG, steps)
+        return long
+
+    far = _in_turn(order, points, long_enough, most // 2)
+    near = _in_turn(order, points, lambda point: ~np.isin(point, far), most - len(far))
     return stretches_from(points, np.sort(np.concatenate([far, near])), steps)
 
 
+def shuffled(count: int, name: str, scratch: Scratch) -> Int64[np.ndarray, " row"]:
+    """Return so many numbers in an order that is drawn from the source of randomness with this name."""
+    drawn = scratch(count, torch.int64)
+    torch.randperm(count, generator=named_generator(0, name), out=drawn)
+    found: Int64[np.ndarray, " row"] = drawn.numpy()
+    return found
+
+
 def _in_turn(
-    chosen: Int64[np.ndarray, " chosen"], episode: Int64[np.ndarray, " point"]
+    order: Int64[np.ndarray, " point"],
+    points: Points,
+    wanted: Callable[[Int64[np.ndarray, " chosen"]], Bool[np.ndarray, " chosen"]],
+    most: int,
 ) -> Int64[np.ndarray, " chosen"]:
-    """Return points in such an order that every episode gives its first, then every one its second, and so on."""
-    _, place = np.unique(episode[chosen], return_inverse=True)
-    by_episode = np.argsort(place, kind="stable")
-    ordered = place[by_episode]
-    turn = np.empty(len(chosen), dtype=np.int64)
-    turn[by_episode] = np.arange(len(chosen)) - np.searchsorted(ordered, ordered)
-    return chosen[np.argsort(turn, kind="stable")]
+    """Return the first so many of the points that are wanted: every episode gives its first, then all their second."""
+    given = np.zeros(len(points.begins) - 1, dtype=np.int64)
+    found, turns = np.empty(0, np.int64), np.empty(0, np.int64)
+    for rows in points.scratch.blocks(len(order)):
+        chosen = order[rows][wanted(order[rows])]
+        place = np.searchsorted(points.begins, chosen, side="right") - 1
+        by_episode = np.argsort(place, kind="stable")
+        ordered = place[by_episode]
+        turn = np.empty(len(chosen), dtype=np.int64)
+        turn[by_episode] = given[ordered] + np.arange(len(chosen)) - np.searchsorted(ordered, ordered)
+        given += np.bincount(place, minlength=len(given))
+        found, turns = np.append(found, chosen), np.append(turns, turn)
+        first = np.argsort(turns, kind="stable")[:most]
+        found, turns = found[first], turns[first]
+    return found
 
 
 def stretches_from(points: Points, starts: Int64[np.ndarray, " stretch"], steps: int) -> Stretches:
     """Return recorded stretches of at most so many steps from the points with these numbers on."""
     transitions, history = points.transitions, points.features.history
     start = points.rows[starts]
-    last = last_rows(transitions)[start]
+    last = points.last_rows(start)
     after = start[:, None] + np.arange(steps)
     within = np.minimum(start[:, None] + np.arange(1 - history, steps), last[:, None])
     return Stretches(
@@ -235,7 +261,7 @@ def follow(
 
 def reachable(points: Points, steps: int, episodes: int = FEWEST_EPISODES) -> int:
     """Return the longest rollout of at most so many steps that so many episodes have, or all if there are fewer."""
-    lengths = np.sort(np.unique(points.episode, return_counts=True)[1])
+    lengths = np.sort(np.diff(points.begins))
     return int(min(steps, lengths[-min(episodes, len(lengths))])) if len(lengths) >= FEWEST_EPISODES else 0
 
 
@@ -362,4 +388,4 @@ def _errors(
 
 def _drawn(points: Points, name: str) -> Int64[Tensor, " chosen"]:
     """Return numbers of points, drawn without repetition and sorted; all if they are few."""
-    return torch.randperm(len(points), generator=named_generator(0, name))[:MOST_POINTS].sort().values
+    return torch.from_numpy(np.sort(shuffled(len(points), name, points.scratch)[:MOST_POINTS]))

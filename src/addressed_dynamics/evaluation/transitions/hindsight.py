@@ -7,6 +7,7 @@ guesses of the same spread reach.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import torch
@@ -15,6 +16,7 @@ from torch import Tensor
 
 from addressed_dynamics.evaluation.transitions.points import Points
 from addressed_dynamics.evaluation.transitions.suite import one_step_errors
+from addressed_dynamics.features.common.spool import IN_MEMORY, Scratch
 from addressed_dynamics.simulators.addressed import AddressedDynamics
 
 GUESSES_SEED = 0
@@ -23,42 +25,58 @@ GUESSES_SEED = 0
 
 def evaluate_oracle(model: AddressedDynamics, points: Points, loss: str) -> dict[str, Any]:
     """Return size and one-step errors of the ensemble with the best member picked in hindsight for every point."""
-    return _best(f"hindsight over {_count(model)} (the members)", points.outputs(model), model, points, loss)
+    outputs = points.outputs(model)
+    return _best(f"hindsight over {_count(model)} (the members)", lambda rows: outputs[:, rows], model, points, loss)
 
 
 def evaluate_guesses(model: AddressedDynamics, points: Points, loss: str) -> dict[str, Any]:
     """Return the same with the best of as many random guesses as there are members."""
-    return _best(
-        f"hindsight over {_count(model, 'random ')}", random_guesses(points.outputs(model)), model, points, loss
-    )
+    guesses = random_guesses(points.outputs(model), points.scratch)
+    return _best(f"hindsight over {_count(model, 'random ')}", guesses, model, points, loss)
 
 
-def random_guesses(outputs: Float[Tensor, "member point output"]) -> Float[Tensor, "member point output"]:
+def random_guesses(
+    outputs: Float[Tensor, "member point output"], scratch: Scratch = IN_MEMORY
+) -> Callable[[slice], Float[Tensor, "member chosen output"]]:
     """Return independent normal draws, as many as there are members, with their mean and covariance at every point.
 
     A draw is the members' mean plus their differences from it, each times a normal number of its own and divided by the
     root of the number of members. With one member there is no spread, and the guess is what it says. The draws are the
-    same every time.
+    same every time, whichever points are asked for.
+
+    Args:
+        outputs: of the members.
+        scratch: where the numbers that are drawn lie.
+
+    Returns:
+        A function that takes the numbers of consecutive points.
     """
     members, rows, _ = outputs.shape
-    mean = outputs.mean(dim=0)
-    generator = torch.Generator().manual_seed(GUESSES_SEED)
-    weights = torch.randn(members, members, rows, generator=generator) / members**0.5
-    return mean + torch.einsum("gmp,mpo->gpo", weights, outputs - mean)
+    drawn = scratch((members, members, rows)).normal_(generator=torch.Generator().manual_seed(GUESSES_SEED))
+
+    def guesses(chosen: slice) -> Tensor:
+        own = outputs[:, chosen]
+        mean = own.mean(dim=0)
+        return mean + torch.einsum("gmp,mpo->gpo", drawn[..., chosen] / members**0.5, own - mean)
+
+    return guesses
 
 
 def _best(
-    label: str, guesses: Float[Tensor, "guess point output"], model: AddressedDynamics, points: Points, loss: str
+    label: str, guesses: Callable[[slice], Tensor], model: AddressedDynamics, points: Points, loss: str
 ) -> dict[str, Any]:
-    observation, after = (torch.from_numpy(each) for each in (points.observation, points.next_observation))
-    error = (guesses - model.features.encode_target(observation, after)).double()
-    losses = (error.square() if loss == "mse" else error.abs()).mean(dim=-1)
-    best = guesses[losses.argmin(dim=0), torch.arange(len(points))]
+    def best(rows: slice) -> Tensor:
+        guessed = guesses(rows)
+        error = (guessed - points.targets(model, rows)).double()
+        losses = (error.square() if loss == "mse" else error.abs()).mean(dim=-1)
+        chosen = guessed[losses.argmin(dim=0), torch.arange(guessed.shape[1])]
+        return model.features.decode(chosen, torch.from_numpy(points.observation[rows]))
+
     return {
         "label": label,
         "parameters": model.ensemble.parameters_total,
         "multiply_adds": model.ensemble.multiply_adds(),
-        "one_step": one_step_errors(model.features.decode(best, observation), points, loss),
+        "one_step": one_step_errors(points.each(best), points, loss),
     }
 
 

@@ -12,7 +12,7 @@ from addressed_dynamics.base.errors import EvaluationError
 from addressed_dynamics.base.params.training import EnsembleParams
 from addressed_dynamics.base.torch_runtime import computing_device, prepare_torch
 from addressed_dynamics.episodes.index import read_episodes
-from addressed_dynamics.episodes.parquet import load_transitions
+from addressed_dynamics.episodes.parquet import TransitionStream, joined
 from addressed_dynamics.episodes.splits import Split
 from addressed_dynamics.evaluation.common.evaluated import Evaluated
 from addressed_dynamics.evaluation.common.measures import further_rows
@@ -30,7 +30,7 @@ from addressed_dynamics.evaluation.transitions.falling import falling
 from addressed_dynamics.evaluation.transitions.hindsight import evaluate_guesses, evaluate_oracle
 from addressed_dynamics.evaluation.transitions.horizons import median_course, percent_of_range
 from addressed_dynamics.evaluation.transitions.noise_floor import noise_floor
-from addressed_dynamics.evaluation.transitions.points import Points
+from addressed_dynamics.evaluation.transitions.points import Points, bytes_per_point
 from addressed_dynamics.evaluation.transitions.recommending import Score, deliver, recommend
 from addressed_dynamics.evaluation.transitions.records import Evaluation
 from addressed_dynamics.evaluation.transitions.repeats import repeats
@@ -52,6 +52,7 @@ from addressed_dynamics.evaluation.transitions.suite import (
 from addressed_dynamics.evaluation.transitions.summary import summarise
 from addressed_dynamics.evaluation.transitions.trusting import ASKED, calibrated, half_widths, judge_trust, pair_of
 from addressed_dynamics.evaluation.transitions.truth import TrueRollouts, true_rollouts
+from addressed_dynamics.features.common.spool import IN_MEMORY, Spool
 from addressed_dynamics.features.transitions.spec import FeatureSpec
 from addressed_dynamics.networks.files import load_network
 from addressed_dynamics.simulators.calibrated import Calibrated
@@ -66,8 +67,14 @@ EVALUATED: tuple[Split, ...] = ("train", "test")
 """Splits on which the addressing is judged: the paper's figures are of training points, its errors should not be."""
 
 
-def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int) -> Evaluated:
-    """Evaluate the models in the folder `models` on the held-out episodes in `tables`."""
+def evaluate(
+    tables: Path, models: Path, params: EvaluationParams, *, cores: int, spool: Spool | None = None
+) -> Evaluated:
+    """Evaluate the models in the folder `models` on the held-out episodes in `tables`.
+
+    With a `spool`, what belongs to each transition of a split that is larger than memory lies in files there, as long
+    as this process has them. What comes out is the same.
+    """
     prepare_torch(threads=cores)
     device = computing_device()
     ensembles, delivered = load_ensembles(models)
@@ -75,16 +82,23 @@ def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int
     model = ensembles[first][delivered[first]]
     recipe = ensemble_recipe(models, first)
     loss = reported_loss(recipe.loss)
-    points = {split: Points.of(load_transitions(tables, split=split), model.features, device) for split in EVALUATED}
-    segments = {each.episode: each.segment for each in read_episodes(tables / "episodes.parquet")}
-    truth = true_rollouts(params.rollouts, points["test"].transitions, model.features.history, segments)
     candidates = [
         *ensemble_candidates(ensembles, delivered),
         *baseline_candidates(models / "baselines", model),
         *recorded_change(model.features),
     ]
+    size = bytes_per_point(model.features, [each.model for each in candidates if each.model is not None])
+
+    def load(split: Split) -> Points:
+        stream = TransitionStream(tables, split)
+        scratch = IN_MEMORY if spool is None else spool.scratch(stream.rows * size)
+        return Points.of(joined(stream, stream.rows, scratch.like), model.features, device, scratch)
+
+    points = {split: load(split) for split in EVALUATED}
+    segments = {each.episode: each.segment for each in read_episodes(tables / "episodes.parquet")}
+    truth = true_rollouts(params.rollouts, points["test"].transitions, model.features.history, segments)
     predicted = roll_out(candidates, truth, cores=cores, device=device)
-    validation = Points.of(load_transitions(tables, split="validation"), model.features, device)
+    validation = load("validation")
     found = recommend(candidates, validation, params.rollouts, segments, cores=cores)
     chosen, name = deliver(params.deliver, Choice(ENSEMBLE, first, delivered[first], "argmax"), found)
     dimensions, scale = model.features.spaces.observation, np.array(model.features.scale)
@@ -99,7 +113,7 @@ def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int
     )  # fmt: skip
     used = {each.name: each for each in candidates}
     train, test = points["train"].transitions, points["test"].transitions
-    learned, telling = learn_task(train, validation.transitions, segments)
+    learned, telling = learn_task(train, validation.transitions, segments, validation.scratch)
     task = KeptTask(params.reward, learned)
     other = load_other_recipe(models / "baselines", candidates)
     report = {
@@ -124,7 +138,7 @@ def evaluate(tables: Path, models: Path, params: EvaluationParams, *, cores: int
         "recommendation": None if found is None else found[0],
         "choice": {"candidate": name, "why": chosen.why},
         "trust": trusted.record,
-        "reward": judge_tasks(task, telling, train, test, segments).model_dump(),
+        "reward": judge_tasks(task, telling, train, test, segments, points["test"].scratch).model_dump(),
         "repeats": repeats(points["train"], points["test"], predicted_states(used[name], points["test"])),
         "falling": falling(
             percent_of_range(squared_errors(predicted[name], truth), scale), truth.states, dimensions, scale

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Float64
+from jaxtyping import Float64, Int64
 
 from addressed_dynamics.episodes.noise import NEIGHBOURS, find_noise
 from addressed_dynamics.evaluation.transitions.points import Points
@@ -35,11 +35,11 @@ def noise_floor(train: Points, test: Points, loss: str) -> dict[str, Any] | None
         loss: `mse` or `mae`, of states scaled to [0, 1].
     """
     features, rows = test.features, _spread(len(test), MOST_POINTS)
-    (given, changes), (asked, true) = (_steps(points) for points in (train, test))
+    (given, changes), (asked, true) = _steps(train, np.arange(len(train))), _steps(test, rows)
     fitted = _spread(len(train), MOST_FITTED)
     weights = np.linalg.lstsq(_with_one(given[fitted]), changes[fitted], rcond=None)[0]
-    rest, asked_rest = (y - _with_one(x) @ weights for x, y in ((given, changes), (asked[rows], true[rows])))
-    noise = find_noise(asked[rows], asked_rest, (given, rest))
+    rest, asked_rest = (y - _with_one(x) @ weights for x, y in ((given, changes), (asked, true)))
+    noise = find_noise(asked, asked_rest, (given, rest))
     if noise is None:
         return None
     scale, predicted = np.array(features.scale), list(features.predicted)
@@ -54,10 +54,12 @@ def noise_floor(train: Points, test: Points, loss: str) -> dict[str, Any] | None
     }
 
 
-def _steps(points: Points) -> tuple[Float64[np.ndarray, "point input"], Float64[np.ndarray, "point observation"]]:
+def _steps(
+    points: Points, rows: Int64[np.ndarray, " chosen"]
+) -> tuple[Float64[np.ndarray, "chosen input"], Float64[np.ndarray, "chosen observation"]]:
     """Return a network's inputs, and the changes of the state, in the environment's units."""
-    change = points.next_observation.astype(np.float64) - points.observation
-    return points.x(points.features).to(torch.float64).numpy(), change
+    change = points.next_observation[rows].astype(np.float64) - points.observation[rows]
+    return points.x(points.features)[torch.from_numpy(rows)].to(torch.float64).numpy(), change
 
 
 def _with_one(x: Float64[np.ndarray, "row input"]) -> Float64[np.ndarray, "row more"]:

@@ -7,7 +7,6 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-import torch
 from jaxtyping import Float, Float32, Float64, Int64
 from torch import Tensor
 
@@ -92,14 +91,21 @@ def paired_errors(
         predicted: what the candidates predict in their rollouts.
         truth: what really happened.
     """
-    episode, place, samples = np.unique(points.episode, return_inverse=True, return_counts=True)
-    sums = {
-        name: np.bincount(place, weights=each.to(torch.float64).numpy(), minlength=len(episode))
-        for name, each in losses.items()
-    }
+    numbers = points.episode[points.begins[:-1]]
+    order = np.argsort(numbers)
+    sums = {name: by_episode(each, points)[order] for name, each in losses.items()}
     errors = {name: squared_errors(states, truth).mean(axis=1) for name, states in predicted.items()}
     own = np.arange(len(truth.states)) if truth.episode is None else truth.episode
-    return PairedErrors(episode, samples, sums, own, errors)
+    return PairedErrors(numbers[order], np.diff(points.begins)[order], sums, own, errors)
+
+
+def by_episode(losses: Float[Tensor, " point"], points: Points) -> Float64[np.ndarray, " episode"]:
+    """Return the sum of the losses of each episode's points, in the order of the points."""
+    sums = np.zeros(len(points.begins) - 1)
+    for rows in points.scratch.blocks(len(points)):
+        # One after the other, so that it does not matter where a block ends.
+        np.add.at(sums, points.run(rows), losses[rows].double().numpy())
+    return sums
 
 
 def _written(ratio: Ratio | None) -> dict[str, float] | None:

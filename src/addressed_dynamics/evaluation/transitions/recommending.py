@@ -20,7 +20,7 @@ from addressed_dynamics.evaluation.transitions.horizons import (
     percent_of_range,
     steps_until_lost,
 )
-from addressed_dynamics.evaluation.transitions.one_step import errors_per_dimension, predict_all
+from addressed_dynamics.evaluation.transitions.one_step import predict_all, squared_errors_per_dimension
 from addressed_dynamics.evaluation.transitions.points import Points
 from addressed_dynamics.evaluation.transitions.records import ADDRESSED, NOTHING, REFERENCES
 from addressed_dynamics.evaluation.transitions.rollouts import roll_out, squared_errors
@@ -202,7 +202,7 @@ def _score(
     candidate: Candidate, points: Points, predicted: Float32[np.ndarray, "episode step state"], truth: TrueRollouts
 ) -> Score:
     scale = np.array(points.features.scale)
-    one_step = one_step_percent(errors_per_dimension(predict_all(candidate.predictor, points), points), scale)
+    one_step = one_step_percent(squared_errors_per_dimension(predict_all(candidate.predictor, points), points), scale)
     squared = squared_errors(predicted, truth)
     whole = percent_of_range(squared.mean(axis=1), scale)
     steps = steps_until_lost(median_course(squared, scale)) or truth.steps

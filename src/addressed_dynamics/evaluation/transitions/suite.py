@@ -33,7 +33,7 @@ from addressed_dynamics.evaluation.transitions.rollouts import (
 from addressed_dynamics.evaluation.transitions.summary import DELIVERED
 from addressed_dynamics.evaluation.transitions.truth import TrueRollouts
 from addressed_dynamics.features.transitions.spec import FeatureSpec
-from addressed_dynamics.features.transitions.windows import episode_lengths, shorter_episodes
+from addressed_dynamics.features.transitions.windows import shorter_episodes
 from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.simulators.addressed import AddressedDynamics
 from addressed_dynamics.sources.transitions.params import EnvironmentRollouts, RecordedRollouts
@@ -42,12 +42,12 @@ from addressed_dynamics.training.losses import reported_loss
 
 def evaluate_addressing(model: AddressedDynamics, points: Points, loss: str) -> dict[str, Any]:
     """Return Table 1 of one ensemble and addressing network."""
-    return addressing_table(points.losses(model, loss), points.probabilities(model).argmax(dim=1))
+    return addressing_table(points.losses(model, loss), points.chosen(model), points.scratch)
 
 
 def evaluate_specialisation(model: AddressedDynamics, points: Points, loss: str) -> dict[str, Any]:
     """Return how one ensemble divides the points among its members, and how sure its addressing network is."""
-    return specialisation(points.losses(model, loss), points.probabilities(model))
+    return specialisation(points.losses(model, loss), points.probabilities(model), points.scratch)
 
 
 def evaluate_other_recipe(other: OtherRecipe, points: Mapping[Split, Points]) -> dict[str, Any]:
@@ -70,8 +70,8 @@ def held_out(points: Points) -> dict[str, Any]:
     """Return the size of what is predicted one step ahead, and of what is not, for want of frames."""
     return {
         "transitions": len(points),
-        "episodes": len(set(points.episode.tolist())),
-        "dropped": asdict(shorter_episodes(episode_lengths([points.transitions]), points.features.history)),
+        "episodes": len(points.begins) - 1,
+        "dropped": asdict(shorter_episodes(points.lengths, points.features.history)),
     }
 
 
@@ -87,7 +87,7 @@ def one_step_errors(predicted: Float[Tensor, "point observation"], points: Point
     """Return the one-step errors of predicted next states: of states scaled to [0, 1], in %, and of each dimension."""
     dimensions = errors_per_dimension(predicted, points)
     return {
-        "scaled": summarise(scaled_losses(predicted, points, loss)),
+        "scaled": summarise(scaled_losses(predicted, points, loss), points.scratch),
         "percent": one_step_percent(dimensions, np.array(points.features.scale)),
         "dimensions": dimensions,
     }
@@ -222,7 +222,7 @@ def figure_arrays(
     `profile` and `profile_untrained` (member, point), `rollout_true` and `rollout_predicted` (episode, T + 1, d),
     `rollout_actions` (episode, T, ...), `rollout_group` (episode); and `exogenous`, if there are such inputs.
     """
-    losses, chosen = points.losses(model, loss), points.probabilities(model).argmax(dim=1)
+    losses, chosen = points.losses(model, loss), points.chosen(model)
     fresh = AddressedDynamics(model.features, untrained, model.addressing)
     typical = _typical_episodes(truth)
     shown = list(typical.values())
@@ -235,7 +235,7 @@ def figure_arrays(
         "next_observation": points.next_observation,
         "predicted": _decoded(model, points, chosen).numpy(),
         "chosen": chosen.numpy(),
-        "best": losses.argmin(dim=0).numpy(),
+        "best": points.each(lambda rows: losses[:, rows].argmin(dim=0)).numpy(),
         "profile": losses.numpy(),
         "profile_untrained": points.losses(fresh, loss).numpy(),
         "rollout_true": truth.states[shown],
@@ -262,8 +262,13 @@ def _decoded(
     model: AddressedDynamics, points: Points, member: Int64[Tensor, " point"]
 ) -> Float[Tensor, "point observation"]:
     """Return the states that each point's member predicts."""
-    output = points.outputs(model)[member, torch.arange(len(points))]
-    return model.features.decode(output, torch.from_numpy(points.observation))
+    outputs = points.outputs(model)
+
+    def decoded(rows: slice) -> Tensor:
+        output = outputs[member[rows], torch.arange(rows.start, rows.stop)]
+        return model.features.decode(output, torch.from_numpy(points.observation[rows]))
+
+    return points.each(decoded)
 
 
 def _typical_episodes(truth: TrueRollouts) -> dict[str, int]:

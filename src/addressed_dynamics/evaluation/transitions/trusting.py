@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float64, Int64
+from jaxtyping import Bool, Float32, Float64, Int64
 
 from addressed_dynamics.episodes.splits import Split
 from addressed_dynamics.episodes.transitions import Transitions
@@ -23,6 +25,8 @@ from addressed_dynamics.evaluation.transitions.candidates import Candidate, orig
 from addressed_dynamics.evaluation.transitions.points import Points
 from addressed_dynamics.evaluation.transitions.records import NOTHING, REFERENCES
 from addressed_dynamics.evaluation.transitions.trust_measures import (
+    Covered,
+    Tally,
     auroc,
     break_even_steps,
     covered,
@@ -32,6 +36,8 @@ from addressed_dynamics.evaluation.transitions.trust_measures import (
     trusted_steps,
 )
 from addressed_dynamics.evaluation.transitions.truth import TrueRollouts
+from addressed_dynamics.features.common.spool import Scratch
+from addressed_dynamics.networks.stacked import BLOCKS_HELD, CHUNK_ROWS
 from addressed_dynamics.simulators.addressed import AddressedDynamics
 from addressed_dynamics.simulators.calibrated import Calibrated
 from addressed_dynamics.simulators.delivery import ENSEMBLE, Choice, Origin
@@ -101,6 +107,10 @@ class _Looked:
     """What a model and its trust say of points, one step ahead."""
 
     points: Points
+    off: Float32[np.ndarray, "point observation"]
+    """Errors, in the environment's units."""
+    size: Float32[np.ndarray, "point observation"]
+    """What was expected of them."""
     error: Float64[np.ndarray, " point"]
     """Root mean square over the dimensions, in multiples of their ranges."""
     trust: Float64[np.ndarray, " point"]
@@ -109,6 +119,11 @@ class _Looked:
     """What was expected of `error`."""
     scores: Mapping[str, Float64[np.ndarray, " point"]]
     """The larger, the less is to be trusted."""
+
+    @property
+    def scratch(self) -> Scratch:
+        """Where all of it lies."""
+        return self.points.scratch
 
 
 def judge_trust(
@@ -133,7 +148,7 @@ def judge_trust(
     looked = {split: _look(pair, trust, points[split]) for split in splits}
     test, features = looked["test"], pair.model.features
     scale = np.array(features.scale)
-    coverage, horizon, steps = _coverage(pair, trust, points, scale)
+    coverage, horizon, steps = _coverage(pair, trust, points, test, scale)
     record: dict[str, Any] = {
         "model": str(pair.origin),
         "episodes": trust.episodes,
@@ -141,7 +156,7 @@ def judge_trust(
         "shifts": {
             kind.name: _shift(pair, trust, kind.kind, Points.of(shifts[kind.name], features), looked) for kind in kinds
         },
-        "risk": [asdict(each) for each in risk_against_coverage(test.error, test.trust)],
+        "risk": [asdict(each) for each in risk_against_coverage(test.error, test.trust, test.scratch)],
         "trusted_steps": horizon,
         "rollout_steps": steps,
         "trusted_share": TRUSTED_SHARE,
@@ -151,10 +166,12 @@ def judge_trust(
     if NOTHING in errors:
         record["break_even_steps"] = break_even_steps(errors["model"], errors[NOTHING])
         record["compared_steps"] = len(errors["model"])
-    plane = test.points.features.plane(test.points.observation)
-    if plane is None:
+    states = test.points.observation
+    if features.plane(states[:1]) is None:
         return record, {}
-    return record, {"trust_map": trust_map(plane, test.trust, CELLS), "trust_map_edges": map_edges(plane, CELLS)}
+    plane = test.scratch.filled(len(states), lambda rows: np.asarray(features.plane(states[rows])))
+    field = trust_map(plane, test.trust, CELLS, test.scratch)
+    return record, {"trust_map": field, "trust_map_edges": map_edges(plane, CELLS)}
 
 
 def half_widths(
@@ -191,29 +208,47 @@ def _is_other(origin: Origin, own: Origin) -> bool:
 
 def _look(pair: Pair, trust: Trust, points: Points) -> _Looked:
     scale = torch.tensor(pair.model.features.scale)
-    error, scales = one_step(pair.model, pair.partner, trust.gauge, points, torch.arange(len(points)))
-    ordered = points.probabilities(pair.model).sort(dim=1, descending=True).values.double().numpy()
-    scores = {"trust": trust.unlikely(scales.signals), **dict(zip(SIGNALS, scales.signals, strict=True))}
-    if ordered.shape[1] > 1:
-        scores["margin"] = 1.0 - (ordered[:, 0] - ordered[:, 1])
-    sizes = [(each / scale).double().square().mean(dim=1).sqrt().numpy() for each in (error, scales.error)]
-    surprise = trust.surprises(error, scales.error)
-    return _Looked(points, sizes[0], trust.trust(scales.signals), surprise, sizes[1], scores)
+    probabilities = points.probabilities(pair.model)
+    parts: dict[str, np.ndarray] = {}
+
+    def look(rows: slice) -> Iterator[tuple[str, np.ndarray]]:
+        error, scales = one_step(pair.model, pair.partner, trust.gauge, points, torch.arange(rows.start, rows.stop))
+        yield from (("off", error.numpy()), ("size", scales.error.numpy()))
+        for name, each in (("error", error), ("expected", scales.error)):
+            yield name, (each / scale).double().square().mean(dim=1).sqrt().numpy()
+        yield "trust", trust.trust(scales.signals)
+        yield "surprise", trust.surprises(error, scales.error)
+        yield "score/trust", trust.unlikely(scales.signals)
+        for name, signal in zip(SIGNALS, scales.signals, strict=True):
+            yield f"score/{name}", signal
+        ordered = probabilities[rows].sort(dim=1, descending=True).values.double().numpy()
+        if ordered.shape[1] > 1:
+            yield "score/margin", 1.0 - (ordered[:, 0] - ordered[:, 1])
+
+    for first in range(0, max(len(points), 1), CHUNK_ROWS):
+        rows = slice(first, min(first + CHUNK_ROWS, len(points)))
+        for name, part in look(rows):
+            if name not in parts:
+                parts[name] = points.scratch.array((len(points), *part.shape[1:]), torch.from_numpy(part).dtype)
+            parts[name][rows] = part
+        if not first // CHUNK_ROWS % BLOCKS_HELD:
+            points.scratch.release()
+    scores = {name.removeprefix("score/"): parts.pop(name) for name in [*parts] if name.startswith("score/")}
+    return _Looked(points, **parts, scores=scores)
 
 
 def _coverage(
-    pair: Pair, trust: Trust, points: Mapping[Split, Points], scale: Float64[np.ndarray, " dimension"]
+    pair: Pair,
+    trust: Trust,
+    points: Mapping[Split, Points],
+    looked: _Looked,
+    scale: Float64[np.ndarray, " dimension"],
 ) -> tuple[list[dict[str, Any]], int | None, int | None]:
     """Return how much intervals cover of the test episodes, and the horizon of trust within so many steps."""
     test = points["test"]
     names = [each.name for each in pair.model.features.spaces.observation]
-    rows = []
-    error, scales = one_step(pair.model, pair.partner, trust.gauge, test, torch.arange(len(test)))
-    zero = torch.zeros_like(error).numpy()
     known = [asked for asked in ASKED if trust.coverages[0] <= asked <= trust.coverages[-1]]
-    for asked in known:
-        half = trust.half(scales.error.unsqueeze(1), asked)[:, 0]
-        rows.append(_covered(1, asked, zero, (error - half).numpy(), (error + half).numpy(), names, test.episode))
+    rows = [_covered_at_once(trust, asked, looked, names) for asked in known]
     longest = min(trust.steps[-1], reachable(test, trust.steps[-1]))
     if longest < 2:
         return rows, None, None
@@ -225,7 +260,9 @@ def _coverage(
         for asked in known:
             half = trust.half(followed.scale, asked)
             low, high = ((followed.states + sign * half)[there, steps - 1].numpy() for sign in (-1, 1))
-            rows.append(_covered(steps, asked, truth[there, steps - 1], low, high, names, ways.episode[there]))
+            found = covered(truth[there, steps - 1], low, high, ways.episode[there])
+            episodes = len(np.unique(ways.episode[there]))
+            rows.append(_covered(steps, asked, found, names, int(there.sum()), episodes))
     if ASKED[-1] not in known:
         return rows, None, longest
     steps = reachable(points["validation"], longest, FEWEST_KNOWN)
@@ -233,24 +270,32 @@ def _coverage(
     return rows, trusted_steps(width, scale, TRUSTED_SHARE), steps
 
 
+def _covered_at_once(trust: Trust, asked: float, looked: _Looked, names: Sequence[str]) -> dict[str, Any]:
+    """Return how much intervals cover one step ahead."""
+    points, begins = looked.points, looked.points.begins
+    place = np.argsort(np.argsort(points.episode[begins[:-1]]))
+    tally = Tally(len(names), len(place))
+    for rows in points.scratch.blocks(len(points)):
+        error, size = (torch.from_numpy(each[rows]) for each in (looked.off, looked.size))
+        half = trust.half(size.unsqueeze(1), asked)[:, 0]
+        inside = (error - half <= 0) & (error + half >= 0)
+        tally.add(inside.numpy(), place[points.run(rows)])
+    count = np.empty_like(place)
+    count[place] = np.diff(begins)
+    return _covered(1, asked, tally.covered(count, independent=True), names, len(points), len(place))
+
+
 def _covered(
-    steps: int,
-    asked: float,
-    truth: np.ndarray,
-    low: np.ndarray,
-    high: np.ndarray,
-    names: Sequence[str],
-    episode: Int64[np.ndarray, " point"],
+    steps: int, asked: float, found: Covered, names: Sequence[str], points: int, episodes: int
 ) -> dict[str, Any]:
-    found = covered(truth, low, high, episode)
     return {
         "steps": steps,
         "asked": asked,
         "of_all": found.of_all,
         "standard_error": found.error,
         "dimensions": dict(zip(names, found.dimensions.tolist(), strict=True)),
-        "points": len(truth),
-        "episodes": len(np.unique(episode)),
+        "points": points,
+        "episodes": episodes,
     }
 
 
@@ -270,31 +315,71 @@ def _shift(pair: Pair, trust: Trust, kind: str, points: Points, looked: Mapping[
         scores = [_over_windows(each) for each in (shifted, test)]
     if not len(errors[0]) or not len(held_out):
         return {"kind": kind, "auroc": dict.fromkeys(scores[0]), "positive_share": None}
-    both, limit = np.concatenate(errors), float(np.quantile(held_out, BAD))
-    absolute = bool((both > limit).any() and (both <= limit).any())
-    positive: Bool[np.ndarray, " point"] = both > (limit if absolute else np.quantile(both, BAD))
+    scratch = test.scratch
+    both, limit = _joined(errors, scratch), _quantile(held_out, BAD, scratch)
+    above = sum(int(np.count_nonzero(both[rows] > limit)) for rows in scratch.blocks(len(both)))
+    absolute = 0 < above < len(both)
+    least = limit if absolute else _quantile(both, BAD, scratch)
+    positive: Bool[np.ndarray, " point"] = scratch.filled(len(both), lambda rows: both[rows] > least)
     return {
         "kind": kind,
-        "auroc": {name: auroc(np.concatenate([each[name] for each in scores]), positive) for name in scores[0]},
+        "auroc": {
+            name: auroc(_joined([each[name] for each in scores], scratch), positive, scratch) for name in scores[0]
+        },
         "positive_share": float((errors[0] > limit).mean()),
         "bad": "validation" if absolute else "worst",
     }
 
 
+def _joined(parts: Sequence[Float64[np.ndarray, " part"]], scratch: Scratch) -> Float64[np.ndarray, " point"]:
+    found: Float64[np.ndarray, " point"] = scratch.array(sum(map(len, parts)))
+    return np.concatenate(parts, out=found)
+
+
+def _quantile(values: Float64[np.ndarray, " point"], share: float, scratch: Scratch) -> float:
+    copied = _joined([values], scratch)
+    return float(np.quantile(copied, share, overwrite_input=True))
+
+
+def _by_window(points: Points, function: Callable[[Int64[np.ndarray, " window"]], np.ndarray]) -> np.ndarray:
+    """Return `function` of where windows begin, a number for each, in blocks of `CHUNK_ROWS`."""
+    starts = window_starts(points)
+    parts = [starts[first : first + CHUNK_ROWS] for first in range(0, max(len(starts), 1), CHUNK_ROWS)]
+    return np.concatenate([function(part) for part in parts])
+
+
 def _over_windows(looked: _Looked) -> dict[str, Float64[np.ndarray, " window"]]:
     """Return the mean of each score over windows."""
-    rows = window_starts(looked.points)[:, None] + np.arange(WINDOW)
     scores = dict(looked.scores) | {"surprise": looked.surprise}
-    return {name: each[rows].mean(axis=1) for name, each in scores.items()}
+    return {name: _by_window(looked.points, partial(_window_means, each)) for name, each in scores.items()}
+
+
+def _window_means(
+    values: Float64[np.ndarray, " point"], starts: Int64[np.ndarray, " window"]
+) -> Float64[np.ndarray, " window"]:
+    means: Float64[np.ndarray, " window"] = values[starts[:, None] + np.arange(WINDOW)].mean(axis=1)
+    return means
+
+
+def _window_root_mean_squares(
+    values: Float64[np.ndarray, " point"], starts: Int64[np.ndarray, " window"]
+) -> Float64[np.ndarray, " window"]:
+    squares = np.square(values[starts[:, None] + np.arange(WINDOW)])
+    found: Float64[np.ndarray, " window"] = np.sqrt(squares.mean(axis=1))
+    return found
 
 
 def _window_errors(pair: Pair, points: Points) -> Float64[np.ndarray, " window"]:
     """Return the root mean square error of rollouts over windows, in multiples of the ranges."""
-    ways = stretches_from(points, window_starts(points), WINDOW)
-    predicted = pair.model.rollout(ways.history, ways.actions, exogenous=_given(ways.exogenous)).double()
-    squared = ((predicted - ways.states) / torch.tensor(pair.model.features.scale)).square()
-    errors: Float64[np.ndarray, " window"] = squared.mean(dim=(1, 2)).sqrt().nan_to_num(nan=1e6, posinf=1e6).numpy()
-    return errors
+
+    def errors(starts: Int64[np.ndarray, " window"]) -> Float64[np.ndarray, " window"]:
+        ways = stretches_from(points, starts, WINDOW)
+        predicted = pair.model.rollout(ways.history, ways.actions, exogenous=_given(ways.exogenous)).double()
+        squared = ((predicted - ways.states) / torch.tensor(pair.model.features.scale)).square()
+        found: Float64[np.ndarray, " window"] = squared.mean(dim=(1, 2)).sqrt().nan_to_num(nan=1e6, posinf=1e6).numpy()
+        return found
+
+    return _by_window(points, errors)
 
 
 def _given(exogenous: torch.Tensor) -> torch.Tensor | None:
@@ -303,10 +388,7 @@ def _given(exogenous: torch.Tensor) -> torch.Tensor | None:
 
 def window_starts(points: Points) -> Int64[np.ndarray, " window"]:
     """Return the numbers of the points at which windows of `WINDOW` points begin, one after the other in an episode."""
-    episode = points.episode
-    first = np.flatnonzero(np.append(True, episode[1:] != episode[:-1])) if len(episode) else np.empty(0, np.int64)
-    lengths = np.diff(np.append(first, len(episode)))
-    starts = [begin + np.arange(0, length - WINDOW + 1, WINDOW) for begin, length in zip(first, lengths, strict=True)]
+    starts = [np.arange(begin, end - WINDOW + 1, WINDOW) for begin, end in pairwise(points.begins.tolist())]
     return np.concatenate(starts).astype(np.int64) if starts else np.empty(0, np.int64)
 
 
@@ -319,11 +401,13 @@ def _places(looked: Iterable[_Looked]) -> list[dict[str, Any]]:
 def _windows(looked: _Looked) -> Iterator[tuple[float, dict[str, Any]]]:
     """Yield the windows with the largest errors that are expected, as root mean squares, and what is known of them."""
     points, starts = looked.points, window_starts(looked.points)
-    inside = starts[:, None] + np.arange(WINDOW)
     names = [dimension.name for dimension in points.features.spaces.observation]
-    expected, error = (np.sqrt(np.square(each)[inside].mean(axis=1)) for each in (looked.expected, looked.error))
+    expected, error = (
+        _by_window(points, partial(_window_root_mean_squares, each)) for each in (looked.expected, looked.error)
+    )
     for place in np.argsort(-expected, kind="stable")[:MOST_PLACES].tolist():
-        state = points.observation[inside[place]].mean(axis=0).tolist()
+        inside = starts[place] + np.arange(WINDOW)
+        state = points.observation[inside].mean(axis=0).tolist()
         yield (
             float(expected[place]),
             {
@@ -332,7 +416,7 @@ def _windows(looked: _Looked) -> Iterator[tuple[float, dict[str, Any]]]:
                 "steps": WINDOW,
                 "expected_percent": float(100 * expected[place]),
                 "error_percent": float(100 * error[place]),
-                "trust": float(looked.trust[inside[place]].mean()),
+                "trust": float(looked.trust[inside].mean()),
                 "state": dict(zip(names, state, strict=True)),
             },
         )

@@ -14,13 +14,15 @@ import shutil
 import socket
 import sys
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO, Protocol, final
+from weakref import WeakSet
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -31,7 +33,7 @@ from addressed_dynamics.features.common.samples import Samples, Windows
 
 INDEX = "columns.json"
 """What the files of a spool hold."""
-KINDS = (torch.float32, torch.float64, torch.uint8, torch.int32, torch.int64)
+KINDS = (torch.float32, torch.float64, torch.uint8, torch.int32, torch.int64, torch.bool)
 """Types that columns may have."""
 _DTYPES = {str(each).removeprefix("torch."): each for each in KINDS}
 
@@ -100,6 +102,86 @@ def beside(samples: Samples, name: str | None = None) -> Callable[..., Tensor]:
     """
     x = samples.x.frames if isinstance(samples.x, Windows) else samples.x
     return partial(_scratch, x.path.parent, name) if isinstance(x, Mapped) else torch.empty
+
+
+BLOCK_ROWS = 2**16
+"""Rows that are looked at together where no network is evaluated."""
+BLOCKS_HELD = 16
+"""After so many such blocks, pages of files are let go."""
+
+
+@final
+class Scratch:
+    """Where arrays with a number for each of many rows lie: in memory, or in files that go with the arrays.
+
+    The files have no name, so that nothing is left of them, however this process ends.
+
+    Args:
+        folder: of the files; it is made when the first one is. None for memory.
+    """
+
+    def __init__(self, folder: Path | None = None) -> None:
+        self._folder = folder
+        self._made = WeakSet[mmap.mmap]()
+
+    def __call__(self, shape: int | tuple[int, ...], dtype: torch.dtype = torch.float32, **options: Any) -> Tensor:
+        """Return an empty tensor.
+
+        Raises:
+            TrainingError: it does not fit on the disk.
+        """
+        if self._folder is None:
+            return torch.empty(shape, dtype=dtype, **options)
+        self._folder.mkdir(parents=True, exist_ok=True)
+        made = _scratch(self._folder, None, shape, dtype)
+        if isinstance(made, Mapped):
+            self._made.add(made._memory)
+        return made
+
+    def array(self, shape: int | tuple[int, ...], dtype: torch.dtype = torch.float64) -> np.ndarray:
+        """Return an empty array; otherwise the same."""
+        return self(shape, dtype).numpy()
+
+    def like(self, shape: tuple[int, ...], dtype: Any) -> np.ndarray:
+        """Return an empty array of a data type of NumPy's."""
+        return self.array(shape, torch.from_numpy(np.empty(0, dtype)).dtype)
+
+    def filled(self, count: int, function: Callable[[slice], np.ndarray]) -> np.ndarray:
+        """Return an array with a row for each of so many, made block by block."""
+        found: np.ndarray | None = None
+        for rows in self.blocks(count):
+            part = function(rows)
+            if found is None:
+                found = self.like((count, *part.shape[1:]), part.dtype)
+            found[rows] = part
+        return function(slice(0)) if found is None else found
+
+    def selected(self, values: np.ndarray, chosen: Callable[[slice], np.ndarray]) -> np.ndarray:
+        """Return a copy of the rows of an array that a function chooses, which returns a mask for some of them."""
+        count = sum(int(np.count_nonzero(chosen(rows))) for rows in self.blocks(len(values)))
+        found, stop = self.like((count, *values.shape[1:]), values.dtype), 0
+        for rows in self.blocks(len(values)):
+            part = values[rows][chosen(rows)]
+            found[stop : stop + len(part)] = part
+            stop += len(part)
+        return found
+
+    def blocks(self, count: int) -> Iterator[slice]:
+        """Yield so many rows, block by block; pages of files are let go meanwhile."""
+        for number, first in enumerate(range(0, count, BLOCK_ROWS), start=1):
+            yield slice(first, min(first + BLOCK_ROWS, count))
+            if not number % BLOCKS_HELD:
+                self.release()
+        self.release()
+
+    def release(self) -> None:
+        """Let this process's hold on the pages of all files go; they are found again when they are next read."""
+        for memory in self._made:
+            memory.madvise(mmap.MADV_DONTNEED)
+
+
+IN_MEMORY = Scratch()
+"""Where arrays lie if nothing else is said."""
 
 
 def _scratch(
@@ -198,6 +280,10 @@ class Spool:
     """Folder of the spools, outside of what the pipeline delivers."""
     memory: int
     """Bytes of samples that memory holds."""
+
+    def scratch(self, size: int) -> Scratch:
+        """Return where arrays with so many bytes together lie."""
+        return IN_MEMORY if size <= self.memory else Scratch(self.folder)
 
     def columns(self, name: str, size: int, write: Callable[[Sink], None]) -> tuple[dict[str, Tensor], Path]:
         """Return columns, mapped, and their folder; they are written if they are not there.

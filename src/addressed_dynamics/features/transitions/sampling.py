@@ -55,7 +55,7 @@ def write_samples(
         if part.spec != features.spaces:
             message = "the transitions' spaces are not those the features were made for"
             raise ModelError(message)
-        place = lengths.places(part)
+        place = lengths.places(part.episode)
         observation, following = torch.from_numpy(part.observation), torch.from_numpy(part.next_observation)
         frames = features.frames(observation, torch.from_numpy(part.action), torch.from_numpy(part.exogenous))
         chosen = np.flatnonzero(place >= history - 1)

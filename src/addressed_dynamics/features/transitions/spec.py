@@ -503,7 +503,7 @@ def fit_features(train: Transitions | Iterable[Transitions], params: FeaturePara
 
     def columns() -> Iterator[Float[np.ndarray, "row column"]]:
         for part in chain([first], parts):
-            lengths.places(part)
+            lengths.places(part.episode)
             yield np.concatenate(_statistics_columns(part, params), axis=1)
 
     found = _moments(columns())

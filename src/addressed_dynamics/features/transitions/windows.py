@@ -10,6 +10,7 @@ from torch import Tensor
 from addressed_dynamics.base.errors import TransitionsError
 from addressed_dynamics.episodes.transitions import Transitions
 from addressed_dynamics.features.common.samples import Dropped
+from addressed_dynamics.features.common.spool import IN_MEMORY, Scratch
 
 
 class EpisodeLengths:
@@ -20,20 +21,21 @@ class EpisodeLengths:
         self._last: int | None = None
         self._begun = 0
 
-    def places(self, part: Transitions) -> Int64[np.ndarray, " row"]:
-        """Return how many rows of its episode lie before each row of the next part."""
-        if not len(part):
+    def places(self, episode: Int64[np.ndarray, " row"]) -> Int64[np.ndarray, " row"]:
+        """Return how many rows of its episode lie before each row of the next part, whose episodes these are."""
+        if not len(episode):
             return np.empty(0, np.int64)
-        bounds = _bounds(part)
+        inner = np.flatnonzero(episode[1:] != episode[:-1]) + 1
+        bounds = np.concatenate([[0], inner, [len(episode)]]).astype(np.int64)
         lengths = np.diff(bounds)
-        places: Int64[np.ndarray, " row"] = np.arange(len(part)) - np.repeat(bounds[:-1], lengths)
-        if part.episode[0] == self._last:
+        places: Int64[np.ndarray, " row"] = np.arange(len(episode)) - np.repeat(bounds[:-1], lengths)
+        if episode[0] == self._last:
             places[: lengths[0]] += self._begun
             lengths[0] += self._begun
         elif self._begun:
             self._known.append(np.array([self._begun]))
         self._known.append(lengths[:-1])
-        self._last, self._begun = int(part.episode[-1]), int(lengths[-1])
+        self._last, self._begun = int(episode[-1]), int(lengths[-1])
         return places
 
     def all(self) -> Int64[np.ndarray, " episode"]:
@@ -50,25 +52,20 @@ def episode_lengths(parts: Iterable[Transitions]) -> Int64[np.ndarray, " episode
     """Return the lengths of the episodes of some transitions, which come in parts."""
     lengths = EpisodeLengths()
     for part in parts:
-        lengths.places(part)
+        for rows in IN_MEMORY.blocks(len(part)):
+            lengths.places(part.episode[rows])
     return lengths.all()
 
 
-def window_rows(transitions: Transitions, history: int) -> Int64[np.ndarray, " sample"]:
+def window_rows(transitions: Transitions, history: int, scratch: Scratch = IN_MEMORY) -> Int64[np.ndarray, " sample"]:
     """Return the rows whose episode holds at least `history` - 1 rows before them: the last rows of all windows."""
-    return np.flatnonzero(EpisodeLengths().places(transitions) >= history - 1).astype(np.int64)
-
-
-def last_rows(transitions: Transitions) -> Int64[np.ndarray, " row"]:
-    """Return for each row the last row of its episode."""
-    bounds = _bounds(transitions)
-    return np.repeat(bounds[1:] - 1, np.diff(bounds))
-
-
-def _bounds(transitions: Transitions) -> Int64[np.ndarray, " bound"]:
-    """Return where episodes begin, and the end."""
-    inner = np.flatnonzero(transitions.episode[1:] != transitions.episode[:-1]) + 1
-    return np.concatenate([[0], inner, [len(transitions)]] if len(transitions) else [[0]]).astype(np.int64)
+    lengths, found = EpisodeLengths(), scratch.array(len(transitions), torch.int64)
+    count = 0
+    for block in scratch.blocks(len(transitions)):
+        rows = block.start + np.flatnonzero(lengths.places(transitions.episode[block]) >= history - 1)
+        found[count : count + len(rows)] = rows
+        count += len(rows)
+    return found[:count]
 
 
 def shorter_episodes(lengths: Int64[np.ndarray, " episode"], length: int) -> Dropped:
