@@ -1,8 +1,8 @@
-"""Training and Algorithm 1 on data that are larger than memory: time and resident memory from 1 to 100 million.
+"""Training, Algorithm 1 and evaluation on data that are larger than memory: time and memory from 1 to 100 million.
 
-`make bench` leaves it out: `python benchmarks/larger_than_memory.py` takes half an hour alone, and 10 GB of disk. Every
+`make bench` leaves it out: `python benchmarks/larger_than_memory.py` takes an hour alone, and 10 GB of disk. Every
 step runs in a process of its own, which inherits no memory; the million in memory is trained anew between the larger
-ones, so that ratios are of the same hour.
+ones, so that ratios are of the same hour. `--only evaluation` measures this alone and leaves the other figures.
 """
 
 import argparse
@@ -24,7 +24,8 @@ from typing import Any
 
 from measuring import print_table
 
-PARAMS_FILE = Path(__file__).parents[1] / "params.yaml"
+ROOT = Path(__file__).parents[1]
+PARAMS_FILE = ROOT / "params.yaml"
 MILLION = 1_000_000
 SHARD, EPISODE, VALIDATION = MILLION, 250, 100_000
 ROW_GROUP = 131_072
@@ -37,6 +38,10 @@ STAGED = 10 * MILLION
 """So many are also trained as if the system's cache did not hold them."""
 MOST_TRAINED = 10 * MILLION
 """Samples that are trained on at most, of all at random: an epoch that is cut short."""
+PROJECT = Path("project") / "data"
+TRAIN_STAGES = ("train_ensemble", "train_addressing", "train_baselines")
+GOAL = 0.5
+"""Position of a car at which an episode of the judged splits ends inside the task, if it ends there."""
 
 
 class Peaks:
@@ -44,12 +49,17 @@ class Peaks:
 
     def __init__(self) -> None:
         self.most = {"VmRSS": 0.0, "RssAnon": 0.0, "RssFile": 0.0}
+        self.disk = 0.0
+        """The most that files without a name had, which this process alone sees."""
 
     def look(self) -> None:
         """Read what the system says now."""
         lines = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text("ascii").splitlines())
         for name, most in self.most.items():
             self.most[name] = max(most, int(lines[name].split()[0]) / 1024)
+        maps = [line.split() for line in Path("/proc/self/maps").read_text("utf-8").splitlines()]
+        bounds = [line[0].split("-") for line in maps if line[-1] == "(deleted)"]
+        self.disk = max(self.disk, sum(int(end, 16) - int(begin, 16) for begin, end in bounds) / MIB)
 
 
 @contextmanager
@@ -71,12 +81,13 @@ def watched() -> Iterator[Peaks]:
         peaks.look()
 
 
-def make_tables(folder: Path, rows: int, width: int) -> None:
+def make_tables(folder: Path, rows: int, width: int, validation: int = VALIDATION, test: int = 0) -> None:
     """Write so many transitions under random pushes: of cars, or of random walks of so many dimensions."""
     import numpy as np
 
     from addressed_dynamics.base.params.recording import EnvironmentParams
     from addressed_dynamics.envs.mountain_car import mountain_car_step
+    from addressed_dynamics.episodes.index import Episode, write_episodes
     from addressed_dynamics.episodes.parquet import FOLDER, TransitionTable, table_writer
     from addressed_dynamics.episodes.transitions import Dimension, DiscreteAction, SpaceSpec, Transitions
     from addressed_dynamics.recording.plan import make_environment
@@ -98,7 +109,8 @@ def make_tables(folder: Path, rows: int, width: int) -> None:
             walks[step + 1] = mountain_car_step(walks[step], pushes[step])
         else:
             walks[step + 1] = 0.9 * walks[step] + 0.1 * (pushes[step] - 1)[:, None] * np.arange(1, width + 1)
-    for split, wanted in {"validation": VALIDATION, "train": rows}.items():
+    index: list[Episode] = []
+    for code, (split, wanted) in enumerate({"train": rows, "validation": validation, "test": test}.items()):
         for shard in range(-(-wanted // SHARD)):
             count = min(SHARD, wanted - shard * SHARD) // EPISODE
             actions = pushes[:, :count]
@@ -106,6 +118,7 @@ def make_tables(folder: Path, rows: int, width: int) -> None:
             states = walks[:, :count] + 1e-3 * generator.standard_normal((EPISODE + 1, count, width), dtype=np.float32)
             shown = states.astype(np.float32)
             last = np.tile(np.arange(EPISODE) == EPISODE - 1, count)
+            ended = last & (shown[1:, :, 0].T.reshape(-1) >= GOAL)
             transitions = Transitions(
                 spec=spec,
                 episode=np.repeat(np.arange(episode, episode + count), EPISODE),
@@ -113,18 +126,63 @@ def make_tables(folder: Path, rows: int, width: int) -> None:
                 time_ns=np.tile(np.arange(EPISODE), count) * 10**9,
                 observation=shown[:-1].swapaxes(0, 1).reshape(-1, width),
                 action=actions.T.reshape(-1),
-                reward=np.full(count * EPISODE, -1.0, dtype=np.float32),
+                reward=shown[1:, :, 0].T.reshape(-1).copy(),
                 next_observation=shown[1:].swapaxes(0, 1).reshape(-1, width),
-                terminated=np.zeros(count * EPISODE, dtype=np.bool_),
-                truncated=last,
+                terminated=ended,
+                truncated=last & ~ended,
             )
+            index += [
+                Episode(each, f"made#{each}", "made", split, 0, EPISODE, 0.0, "truncated", 0)
+                for each in range(episode, episode + count)
+            ]
             episode += count
-            code = ("train", "validation", "test").index(split)
             table = TransitionTable(transitions, np.full(len(transitions), code, np.int8), "made")
             with table_writer(
                 folder / FOLDER / split / f"made-{shard:03d}.parquet", spec, row_group_rows=ROW_GROUP
             ) as write:
                 write(table)
+    write_episodes(folder / "episodes.parquet", index)
+
+
+def train_models(folder: Path) -> dict[str, Any]:
+    """Train what MountainCar's evaluation judges on the tables in a project's folder, for one epoch each."""
+    changes = {"ensemble": {"epochs": 1, "cluster_epochs": 1}, "addressing": {"epochs": 1}}
+    changes["baselines"] = {"addressing": {"epochs": 1}}
+    params = {"extends": str(PARAMS_FILE), "mountaincar": changes}
+    (folder / "params.yaml").write_text(json.dumps(params), encoding="utf-8")
+    begin = time.perf_counter()
+    for stage in TRAIN_STAGES:
+        command = [sys.executable, "-m", f"pipeline.{stage}", "mountaincar", "--params", "params.yaml"]
+        environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT / "src"), str(ROOT)])}
+        subprocess.run(command, env=environment, cwd=folder, check=True)
+    return {"wall": time.perf_counter() - begin}
+
+
+def evaluate(tables: Path, memory: int) -> dict[str, Any]:
+    """Evaluate what `train_models` trained on the validation and test splits in a folder of tables; say what it took."""
+    from addressed_dynamics.base.params.experiments import load_experiment
+    from addressed_dynamics.base.torch_runtime import prepare_torch
+    from addressed_dynamics.evaluation.common.evaluated import write_evaluated
+    from addressed_dynamics.evaluation.transitions.kind import evaluate as evaluate_transitions
+    from addressed_dynamics.features.common.spool import Spool
+
+    prepare_torch(threads=1)
+    params, out = load_experiment(PARAMS_FILE, "mountaincar", "transitions").evaluation, tables / "evaluation"
+    with watched() as peaks:
+        peaks.look()
+        before, wall, cpu = peaks.most["VmRSS"], time.perf_counter(), time.process_time()
+        spool = Spool(tables / "scratch", memory)
+        models = tables.parent / PROJECT / "models" / "mountaincar"
+        found = evaluate_transitions(tables, models, params, cores=1, spool=spool)
+        seconds = {"wall": time.perf_counter() - wall, "cpu": time.process_time() - cpu}
+        shutil.rmtree(out, ignore_errors=True)
+        write_evaluated(found, out)
+        seconds |= {"with_writing": time.process_time() - cpu}
+    digest = hashlib.blake2b(digest_size=8)
+    for path in sorted(out.iterdir()):
+        digest.update(path.read_bytes())
+    test = found.report["test"]["transitions"]
+    return {"test": test, **seconds, "before": before, "digest": digest.hexdigest(), "disk": peaks.disk, **peaks.most}
 
 
 def train(
@@ -307,11 +365,15 @@ def run_step(name: str, folder: Path, values: dict[str, Any]) -> dict[str, Any]:
     """Do what `step` asks for."""
     if name == "make":
         begin = time.perf_counter()
-        make_tables(folder, values["rows"], values["width"])
+        make_tables(folder, **values)
         return {"wall": time.perf_counter() - begin}
+    if name == "models":
+        return train_models(folder)
     values.pop("turn", None)
     if name == "train":
         return train(folder, **values)
+    if name == "evaluate":
+        return evaluate(folder, **values)
     return bin_in_turns(folder, **values)
 
 
@@ -336,6 +398,21 @@ def trainings(folder: Path, sizes: list[int], *, width: int, history: int) -> di
     return {"in_memory": in_memory, "streamed": found, "staged": staged}
 
 
+def evaluations(folder: Path, sizes: list[int]) -> dict[str, Any]:
+    """Evaluate so many test and as many validation transitions; return what was found, by size, in files and not."""
+    found = dict[str, Any]()
+    step(folder / PROJECT / "tables" / "mountaincar", "make", rows=2 * VALIDATION, width=2)
+    step(folder / PROJECT.parent, "models")
+    for size in sizes:
+        tables = folder / f"judged-{size}"
+        step(tables, "make", rows=2 * VALIDATION, width=2, validation=size, test=size)
+        for name, memory in {"in_memory": EVERYTHING, "in_files": NOTHING}.items():
+            if name == "in_files" or size <= MILLION:
+                found.setdefault(name, {})[str(size)] = step(tables, "evaluate", memory=memory)
+        shutil.rmtree(tables / "transitions", ignore_errors=True)
+    return found
+
+
 def main() -> None:
     """Print what was found; with `--figures`, write it, too."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -344,6 +421,8 @@ def main() -> None:
     parser.add_argument("--largest", type=int, default=100 * MILLION, help="transitions")
     parser.add_argument("--wide", type=int, default=20 * MILLION, help="transitions with six frames; 0 for none")
     parser.add_argument("--profiles", type=int, default=100 * MILLION, help="loss profiles for Algorithm 1")
+    parser.add_argument("--judged", type=int, default=10 * MILLION, help="test transitions, and as many for validation")
+    parser.add_argument("--only", choices=("trainings", "evaluation"), help="measure no more; others stay as they are")
     parser.add_argument("--figures", type=Path, help="file to write")
     parser.add_argument("--chart", type=Path, help="SVG to draw")
     parser.add_argument("--step", help=argparse.SUPPRESS)
@@ -355,19 +434,21 @@ def main() -> None:
         return
     with nullcontext(options.folder) if options.keep else tempfile.TemporaryDirectory(dir=options.folder) as place:
         folder = Path(place)
-        found: dict[str, Any] = {
-            "bins": {
+        known = options.figures is not None and options.only and options.figures.exists()
+        found: dict[str, Any] = json.loads(options.figures.read_text("utf-8")) if known else {}
+        if options.only != "evaluation":
+            found["bins"] = {
                 name: step(folder, "bins", samples=options.profiles, members=4, mapped=name == "in_a_file")
                 for name in ("in_memory", "in_a_file")
-            },
-            "trainings": trainings(folder, _up_to(options.largest), width=2, history=1),
-        }
-        if options.wide:
-            found["six_frames"] = trainings(folder, [options.wide], width=WIDE, history=6)
+            }
+            found["trainings"] = trainings(folder, _up_to(options.largest), width=2, history=1)
+            if options.wide:
+                found["six_frames"] = trainings(folder, [options.wide], width=WIDE, history=6)
+        if options.only != "trainings":
+            found["evaluation"] = evaluations(folder, _up_to(options.judged))
     report(found)
     if options.figures:
         options.figures.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
-
     if options.chart:
         draw(found, options.chart)
 
@@ -451,11 +532,27 @@ def report(found: dict[str, Any]) -> None:
             print(f"{STAGED:,} laid out in the order of the epoch: {ratio:.2f} of the samples/s (by CPU)")
         same = in_memory[0]["digest"] == found[name]["streamed"][str(MILLION)]["digest"]
         print(f"the same million in memory and streamed: {'the same bytes' if same else 'OTHER BYTES'}")
-    bins = found["bins"]
-    sort = bins["in_memory"]["sort"]
-    for name, each in bins.items():
-        print(f"Algorithm 1 {name}: {each['assign'] / sort:.2f} of one sort, {each['VmRSS']:,.0f} MiB")
-    print(f"the same bins: {bins['in_memory']['digest'] == bins['in_a_file']['digest']}")
+    if "evaluation" in found:
+        report_evaluation(found["evaluation"])
+    if bins := found.get("bins"):
+        sort = bins["in_memory"]["sort"]
+        for name, each in bins.items():
+            print(f"Algorithm 1 {name}: {each['assign'] / sort:.2f} of one sort, {each['VmRSS']:,.0f} MiB")
+        print(f"the same bins: {bins['in_memory']['digest'] == bins['in_a_file']['digest']}")
+
+
+def report_evaluation(found: dict[str, Any]) -> None:
+    """Print what evaluations took."""
+    rows = [
+        [f"{int(size):,}", where.replace("_", " "), f"{each['wall']:.0f} s", f"{each['cpu']:.0f} s"]
+        + [f"{each[part]:,.0f}" for part in ("VmRSS", "RssAnon", "RssFile", "disk")]
+        for where, sizes in found.items()
+        for size, each in sizes.items()
+    ]
+    print_table(["evaluation", "", "wall", "CPU", "MiB", "anonymous", "files", "MiB on the disk"], rows)
+    for size, each in found["in_memory"].items():
+        same = each["digest"] == found["in_files"][size]["digest"]
+        print(f"{int(size):,} judged in memory and in files: {'the same bytes' if same else 'OTHER BYTES'}")
 
 
 if __name__ == "__main__":

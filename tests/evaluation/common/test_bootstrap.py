@@ -126,3 +126,10 @@ def test_beside_a_model_without_error_there_is_no_ratio(ratio) -> None:
     assert ratio(np.ones(60), np.zeros(60), EPISODES) is None
     rarely = np.where(EPISODES == 0, 1.0, 0.0)
     assert ratio(np.ones(60), rarely, EPISODES) is None
+
+
+def test_draws_that_are_looked_at_a_few_at_a_time_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    errors, others = made_up(np.random.default_rng(3))
+    at_once = [ratio(errors, others, EPISODES) for ratio in (ratio_of_sums, ratio_of_medians)]
+    monkeypatch.setattr("addressed_dynamics.evaluation.common.bootstrap.COUNTS", 10 * len(EPISODES))
+    assert [ratio(errors, others, EPISODES) for ratio in (ratio_of_sums, ratio_of_medians)] == at_once

@@ -6,9 +6,8 @@ both models.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float64, Int64
@@ -16,6 +15,8 @@ from jaxtyping import Float64, Int64
 COVERAGE = 0.95
 """Share of the draws that lie in an interval."""
 DRAWS = 2_000
+COUNTS = 2**23
+"""Numbers of how often an episode is drawn that are looked at together."""
 SEED = 0
 """Where the draws come from: the same for all pairs, so that what is compared is compared on the same episodes."""
 FEWEST_EPISODES = 5
@@ -50,7 +51,20 @@ def ratio_of_sums(errors: Errors, others: Errors, episode: Int64[np.ndarray, " p
     Returns:
         None with fewer than `FEWEST_EPISODES` episodes, or if the other's error is zero in a draw.
     """
-    return _ratio(errors, others, episode, lambda values, weights: weights @ values)
+    return ratios_of_sums({"": errors}, others, episode)[""]
+
+
+def ratios_of_sums(
+    errors: Mapping[str, Errors], others: Errors, episode: Int64[np.ndarray, " part"]
+) -> dict[str, Ratio | None]:
+    """Return `ratio_of_sums` of several models beside the same one, which look at each draw together."""
+    if len(np.unique(episode)) < FEWEST_EPISODES:
+        return dict.fromkeys(errors)
+    sums = [
+        (weights @ others, {name: weights @ values for name, values in errors.items()}) for weights in _blocks(episode)
+    ]
+    beside = np.concatenate([each for each, _ in sums])
+    return {name: ratio_in_draws(np.concatenate([each[name] for _, each in sums]), beside) for name in errors}
 
 
 def ratio_of_medians(errors: Errors, others: Errors, episode: Int64[np.ndarray, " part"]) -> Ratio | None:
@@ -59,7 +73,10 @@ def ratio_of_medians(errors: Errors, others: Errors, episode: Int64[np.ndarray, 
     A median jumps from one part to the next, and those of a pair are of different parts: the interval is rather too
     wide than too narrow.
     """
-    return _ratio(errors, others, episode, weighted_medians)
+    if len(np.unique(episode)) < FEWEST_EPISODES:
+        return None
+    weights = draws(episode)
+    return ratio_in_draws(weighted_medians(errors, weights), weighted_medians(others, weights))
 
 
 def weighted_medians(values: Float64[np.ndarray, " part"], weights: Weights) -> Float64[np.ndarray, " draw"]:
@@ -79,10 +96,19 @@ def draws(episode: Int64[np.ndarray, " part"], seed: int = SEED) -> Weights:
         episode: which episode each part is of.
         seed: where the draws come from; the same one draws the same of the same number of episodes.
     """
+    return np.concatenate([*_blocks(episode, seed)])
+
+
+def _blocks(episode: Int64[np.ndarray, " part"], seed: int = SEED) -> Iterator[Weights]:
+    """Yield what `draws` returns, some draws at a time: with thousands of episodes all would be gigabytes."""
     found, place = np.unique(episode, return_inverse=True)
-    as_they_are = np.ones((1, len(found)), dtype=np.int64)
-    weights: Weights = np.concatenate([as_they_are, _drawn(len(found), seed)])[:, place]
-    return weights
+    generator, shares = np.random.default_rng(seed), np.full(len(found), 1.0 / len(found))
+    # Rows are multiplied four at a time, and those of a block should be those of all.
+    rows = max(4, COUNTS // max(len(found), len(place)) // 4 * 4)
+    for first in range(0, 1 + DRAWS, rows):
+        number = min(rows, 1 + DRAWS - first)
+        drawn = generator.multinomial(len(found), shares, size=number - (first == 0))
+        yield (drawn if first else np.concatenate([np.ones((1, len(found)), dtype=np.int64), drawn]))[:, place]
 
 
 def ratio_in_draws(errors: Float64[np.ndarray, " draw"], others: Float64[np.ndarray, " draw"]) -> Ratio | None:
@@ -93,22 +119,3 @@ def ratio_in_draws(errors: Float64[np.ndarray, " draw"], others: Float64[np.ndar
     tail = (1.0 - COVERAGE) / 2.0
     low, high = np.quantile(ratios[1:], [tail, 1.0 - tail])
     return Ratio(float(ratios[0]), float(low), float(high))
-
-
-def _ratio(
-    errors: Errors,
-    others: Errors,
-    episode: Int64[np.ndarray, " part"],
-    statistic: Callable[[Errors, Weights], Float64[np.ndarray, " draw"]],
-) -> Ratio | None:
-    if len(np.unique(episode)) < FEWEST_EPISODES:
-        return None
-    weights = draws(episode)
-    return ratio_in_draws(statistic(errors, weights), statistic(others, weights))
-
-
-@lru_cache(maxsize=4)
-def _drawn(episodes: int, seed: int) -> Int64[np.ndarray, "draw episode"]:
-    """Return how often each episode is drawn, in their order by number."""
-    generator = np.random.default_rng(seed)
-    return generator.multinomial(episodes, np.full(episodes, 1.0 / episodes), size=DRAWS)

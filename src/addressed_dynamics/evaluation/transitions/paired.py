@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Float64, Int64
 from torch import Tensor
 
-from addressed_dynamics.evaluation.common.bootstrap import FEWEST_ROLLOUTS, Ratio, ratio_of_medians, ratio_of_sums
+from addressed_dynamics.evaluation.common.bootstrap import FEWEST_ROLLOUTS, Ratio, ratio_of_medians, ratios_of_sums
 from addressed_dynamics.evaluation.transitions.points import Points
 from addressed_dynamics.evaluation.transitions.rollouts import squared_errors
 from addressed_dynamics.evaluation.transitions.truth import TrueRollouts
@@ -56,16 +56,17 @@ class PairedErrors:
             mean squared error in ranges, over all dimensions; `dimensions`, the same of each alone. None where there
             are too few episodes or rollouts or nothing to divide by.
         """
+        one_step = ratios_of_sums(self.one_step, self.one_step[own], self.episode)
         return {
             name: {
-                "one_step": _written(ratio_of_sums(losses, self.one_step[own], self.episode)),
+                "one_step": _written(one_step[name]),
                 "rollouts": self._of_rollouts(name, own, np.array(scale) ** -2.0 / len(scale)),
                 "dimensions": {
                     dimension: self._of_rollouts(name, own, np.eye(len(names))[index])
                     for index, dimension in enumerate(names)
                 },
             }
-            for name, losses in self.one_step.items()
+            for name in self.one_step
         }
 
     def _of_rollouts(
