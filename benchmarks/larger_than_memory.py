@@ -159,7 +159,7 @@ def train_models(folder: Path) -> dict[str, Any]:
 
 
 def evaluate(tables: Path, memory: int) -> dict[str, Any]:
-    """Evaluate what `train_models` trained on the validation and test splits in a folder of tables; say what it took."""
+    """Evaluate what `train_models` trained on the judged splits in a folder of tables; say what it took."""
     from addressed_dynamics.base.params.experiments import load_experiment
     from addressed_dynamics.base.torch_runtime import prepare_torch
     from addressed_dynamics.evaluation.common.evaluated import write_evaluated

@@ -112,6 +112,8 @@ def test_what_is_as_large_as_samples_lies_beside_them(tmp_path: Path, name: str 
     with files_of_at_most(100), pytest.raises(TrainingError, match="cannot be written there"):
         beside(in_files, "more")(200, dtype=torch.uint8)
     assert not (tmp_path / "spool-a" / "more.bin").exists()
+    with files_of_at_most(100), pytest.raises(TrainingError, match="cannot be written there"):
+        Spool(tmp_path, 199).scratch(200)(200, dtype=torch.uint8)
 
 
 def test_what_a_killed_process_had_begun_is_removed(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from addressed_dynamics.base.params.training import EnsembleParams
 from addressed_dynamics.base.torch_runtime import computing_device, prepare_torch
 from addressed_dynamics.episodes.index import read_episodes
 from addressed_dynamics.episodes.parquet import TransitionStream, joined
-from addressed_dynamics.episodes.splits import Split
+from addressed_dynamics.episodes.splits import SPLITS, Split
 from addressed_dynamics.evaluation.common.evaluated import Evaluated
 from addressed_dynamics.evaluation.common.measures import further_rows
 from addressed_dynamics.evaluation.transitions.calibration import calibrate, reachable
@@ -72,8 +72,8 @@ def evaluate(
 ) -> Evaluated:
     """Evaluate the models in the folder `models` on the held-out episodes in `tables`.
 
-    With a `spool`, what belongs to each transition of a split that is larger than memory lies in files there, as long
-    as this process has them. What comes out is the same.
+    With a `spool`, what belongs to each transition lies in files there, if it is larger than memory, as long as this
+    process has them. What comes out is the same.
     """
     prepare_torch(threads=cores)
     device = computing_device()
@@ -89,9 +89,12 @@ def evaluate(
     ]
     size = bytes_per_point(model.features, [each.model for each in candidates if each.model is not None])
 
+    streams = {split: TransitionStream(tables, split) for split in SPLITS}
+    rows = sum(stream.rows for stream in streams.values())
+    scratch = IN_MEMORY if spool is None else spool.scratch(rows * size)
+
     def load(split: Split) -> Points:
-        stream = TransitionStream(tables, split)
-        scratch = IN_MEMORY if spool is None else spool.scratch(stream.rows * size)
+        stream = streams[split]
         return Points.of(joined(stream, stream.rows, scratch.like), model.features, device, scratch)
 
     points = {split: load(split) for split in EVALUATED}
@@ -113,7 +116,7 @@ def evaluate(
     )  # fmt: skip
     used = {each.name: each for each in candidates}
     train, test = points["train"].transitions, points["test"].transitions
-    learned, telling = learn_task(train, validation.transitions, segments, validation.scratch)
+    learned, telling = learn_task(train, validation.transitions, segments, scratch)
     task = KeptTask(params.reward, learned)
     other = load_other_recipe(models / "baselines", candidates)
     report = {
@@ -138,7 +141,7 @@ def evaluate(
         "recommendation": None if found is None else found[0],
         "choice": {"candidate": name, "why": chosen.why},
         "trust": trusted.record,
-        "reward": judge_tasks(task, telling, train, test, segments, points["test"].scratch).model_dump(),
+        "reward": judge_tasks(task, telling, train, test, segments, scratch).model_dump(),
         "repeats": repeats(points["train"], points["test"], predicted_states(used[name], points["test"])),
         "falling": falling(
             percent_of_range(squared_errors(predicted[name], truth), scale), truth.states, dimensions, scale
