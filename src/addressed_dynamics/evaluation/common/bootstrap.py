@@ -15,7 +15,7 @@ from jaxtyping import Float64, Int64
 COVERAGE = 0.95
 """Share of the draws that lie in an interval."""
 DRAWS = 2_000
-COUNTS = 2**23
+COUNTS = 2**21
 """Numbers of how often an episode is drawn that are looked at together."""
 SEED = 0
 """Where the draws come from: the same for all pairs, so that what is compared is compared on the same episodes."""
