@@ -62,6 +62,11 @@ def test_an_episode_is_used_unless_there_is_a_reason() -> None:
     assert found[4][1] == ("3 samples are fewer than min_length (5)",)
 
 
+def test_of_no_samples_there_is_no_episode() -> None:
+    none = Samples(moving(50)[:0], np.zeros(0, np.bool_), np.zeros(0, np.bool_), {})
+    assert judged(none) == []
+
+
 def test_what_never_changes_is_named() -> None:
     one = moving(40)
     one[:, 1] = 3.0

@@ -122,6 +122,8 @@ def judge_episodes(
         min_length: samples that an episode needs.
         step_seconds: time between two samples.
     """
+    if not len(samples.follows):
+        return []
     kept = {each.start for each in episodes.slices}
     starts = np.flatnonzero(~samples.follows)
     fences = _fences(samples.values[:, signals.observation_columns])
