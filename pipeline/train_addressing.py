@@ -13,11 +13,6 @@ def main(call: Call) -> str:
     sections, kind = load_experiment(call.params_file, call.experiment, call.kind), supplied("features", call.kind)
     prepare_torch(threads=1)
     device = computing_device()
-    ensembles = {seed: load_any_network(folder) for seed, folder in trained_ensembles(call.experiment).items()}
-    features = next(iter(ensembles.values())).features
-    spool = training_spool(call.experiment, "train_addressing")
-    data = kind.load_training_data(tables_dir(call.experiment), sections, features, spool=spool)
-    recipe = {name: getattr(sections, name).model_dump(mode="json") for name in ("features", "addressing")}
     stage = Stage(
         "train_addressing",
         call.experiment,
@@ -25,6 +20,11 @@ def main(call: Call) -> str:
         training_processes(gpu=device.type != "cpu"),
         device=device,
     )
+    ensembles = {seed: load_any_network(folder) for seed, folder in trained_ensembles(call.experiment).items()}
+    features = next(iter(ensembles.values())).features
+    spool = training_spool(call.experiment, "train_addressing")
+    data = kind.load_training_data(tables_dir(call.experiment), sections, features, spool=spool)
+    recipe = {name: getattr(sections, name).model_dump(mode="json") for name in ("features", "addressing")}
     results = train_addressings(stage, data, ensembles, sections.addressing, recipe)
     data.discard()
     share = median_of(results, "agreement")

@@ -18,6 +18,13 @@ def main(call: Call) -> str:
     chosen, other = load_recipes(call.params_file, call.experiment, call.kind)
     prepare_torch(threads=1)
     device = computing_device()
+    stage = Stage(
+        "train_baselines",
+        call.experiment,
+        call.params_file,
+        training_processes(gpu=device.type != "cpu"),
+        device=device,
+    )
     spool = training_spool(call.experiment, "train_baselines")
     data = kind.load_training_data(tables, chosen, chosen.features, spool=spool)
     width, samples = data.features, len(data.train)
@@ -32,13 +39,6 @@ def main(call: Call) -> str:
         else kind.load_training_data(tables, each.sections, each.features, augmented=not each.by_phase, spool=spool)
         for name, each in plan.items()
     }
-    stage = Stage(
-        "train_baselines",
-        call.experiment,
-        call.params_file,
-        training_processes(gpu=device.type != "cpu"),
-        device=device,
-    )
     results = train_baselines(stage, plan, own, data, chosen.baselines.seeds)
     for each in (data, *own.values()):
         each.discard()

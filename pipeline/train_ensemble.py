@@ -21,8 +21,6 @@ def main(call: Call) -> str:
     sections, kind = load_experiment(call.params_file, call.experiment, call.kind), supplied("features", call.kind)
     prepare_torch(threads=1)
     device = computing_device()
-    spool = training_spool(call.experiment, "train_ensemble")
-    data = kind.load_training_data(tables_dir(call.experiment), sections, sections.features, spool=spool)
     stage = Stage(
         "train_ensemble",
         call.experiment,
@@ -31,6 +29,8 @@ def main(call: Call) -> str:
         training_workers(),
         device=device,
     )
+    spool = training_spool(call.experiment, "train_ensemble")
+    data = kind.load_training_data(tables_dir(call.experiment), sections, sections.features, spool=spool)
     params, members, brief_jobs = choose_members(stage, data, sections.ensemble)
     choices = {**data.choices, **({"members": members} if members else {})}
     features = sections.features.model_dump(mode="json") | {name: each.chosen for name, each in data.choices.items()}

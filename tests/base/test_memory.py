@@ -5,7 +5,8 @@ from addressed_dynamics.base.memory import MEMORY, free_memory, memory_for_sampl
 
 
 @pytest.mark.parametrize(
-    ("asked", "expected"), [("0", 0), ("8GiB", 2**33), ("1.5 GB", 1_500_000_000), (" 200mib", 200 * 2**20)]
+    ("asked", "expected"),
+    [("0", 0), ("8GiB", 2**33), ("1.5 GB", 1_500_000_000), (" 200mib", 200 * 2**20), (f"{10**400}", 10**400)],
 )
 def test_the_environment_says_how_much_memory_samples_may_take(
     monkeypatch: pytest.MonkeyPatch, asked: str, expected: int

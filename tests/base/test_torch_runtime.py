@@ -6,7 +6,15 @@ import pytest
 import torch
 
 from addressed_dynamics.base.errors import DeviceError, ParamsError
-from addressed_dynamics.base.torch_runtime import CPU, DEVICE, computing_device, named_generator, prepare_torch, sent
+from addressed_dynamics.base.torch_runtime import (
+    CPU,
+    DEVICE,
+    checked_device,
+    computing_device,
+    named_generator,
+    prepare_torch,
+    sent,
+)
 
 
 def test_without_a_word_of_the_environment_everything_is_computed_on_the_cpu(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -19,7 +27,7 @@ def test_without_a_word_of_the_environment_everything_is_computed_on_the_cpu(mon
     assert named_generator(0, "name").device == CPU
 
 
-@pytest.mark.parametrize("asked", ["gpu", "cuda:", "cuda:x", "CUDA", "", "mps"])
+@pytest.mark.parametrize("asked", ["gpu", "cuda:", "cuda:x", "CUDA", "", "mps", "cuda:300", f"cuda:{10**30}"])
 def test_a_device_that_is_none_is_refused(asked: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(DEVICE, asked)
     for ask in (computing_device, lambda: prepare_torch(threads=1)):
@@ -42,6 +50,20 @@ def test_a_gpu_that_is_not_there_is_one_clear_line(monkeypatch: pytest.MonkeyPat
     assert "(CUDA 12.8) finds no GPU that it can use; look at what 'nvidia-smi' says" in hidden
     assert "asks for 'cuda:7', but there are GPUs 0 to 1 only" in other
     assert all(message.endswith(f"or unset {DEVICE} for the CPU") and "\n" not in message for message in messages)
+
+
+@pytest.mark.parametrize("asked", ["gpu", "", "meta", "cuda:300"])
+def test_a_device_that_is_none_is_refused_in_python_too(asked: str) -> None:
+    with pytest.raises(ParamsError, match=f"^device= should be 'cpu', 'cuda' or 'cuda:NUMBER', but is '{asked}'"):
+        checked_device(asked)
+
+
+@pytest.mark.parametrize("asked", ["", "Ray", "ray:", "ray:nonsense", "ray:host:", "ray::1"])
+def test_an_engine_that_is_none_is_refused_before_anything_is_read(asked: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(DEVICE, raising=False)
+    monkeypatch.setenv("ADDRESSED_DYNAMICS_ENGINE", asked)
+    with pytest.raises(ParamsError, match=f"should be 'local', 'ray' or 'ray:HOST:PORT', but is '{asked}'"):
+        computing_device()
 
 
 def test_a_gpu_and_ray_are_refused_together(monkeypatch: pytest.MonkeyPatch) -> None:

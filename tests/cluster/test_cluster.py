@@ -1,5 +1,6 @@
 """Ray does what local worker processes do: the same bytes, whatever is lost on the way."""
 
+import re
 import threading
 import time
 from dataclasses import replace
@@ -209,7 +210,8 @@ def test_ray_for_one_command_listens_on_the_loopback_alone(monkeypatch: pytest.M
     assert listening
 
 
-def test_where_no_ray_answers_one_line_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(launching.ENGINE, "ray:127.0.0.1:9")
-    with pytest.raises(ClusterError, match=r"no Ray answers at 127\.0\.0\.1:9"), worker_processes(1):
+@pytest.mark.parametrize("address", ["127.0.0.1:9", "..:9", f"{'a' * 64}:9"])
+def test_where_no_ray_answers_one_line_says_so(monkeypatch: pytest.MonkeyPatch, address: str) -> None:
+    monkeypatch.setenv(launching.ENGINE, f"ray:{address}")
+    with pytest.raises(ClusterError, match=f"no Ray answers at {re.escape(address)}"), worker_processes(1):
         pass

@@ -58,9 +58,9 @@ def engine() -> Ray | None:
     asked = os.environ.get(ENGINE, "local")
     if asked == "local":
         return None
-    name, _, address = asked.partition(":")
+    name, colon, address = asked.partition(":")
     host, _, port = address.rpartition(":")
-    if name != "ray" or (address and not (host and port.isdecimal())):
+    if name != "ray" or (colon and not (host and port.isdecimal())):
         message = f"{ENGINE} should be 'local', 'ray' or 'ray:HOST:PORT', but is '{asked}'"
         raise ParamsError(message)
     return Ray(address or None)
@@ -386,7 +386,7 @@ def _check_answers(address: str) -> None:
     host, _, port = address.rpartition(":")
     try:
         socket.create_connection((host.strip("[]"), int(port)), timeout=ANSWER_SECONDS).close()
-    except (OSError, OverflowError) as error:
+    except (OSError, OverflowError, UnicodeError) as error:  # of a name that is none: encoding it fails
         message = (
             f"no Ray answers at {address} ({error}): start one there with 'ray start --head --port {port}', or correct "
             f"{ENGINE}"

@@ -2,6 +2,7 @@
 
 import os
 import re
+from decimal import Decimal
 from pathlib import Path
 
 from addressed_dynamics.base.errors import ParamsError
@@ -35,7 +36,7 @@ def memory_for_samples() -> int:
             f"{MEMORY} should be a size such as 8GiB, 500MB or 0, but is '{asked}'; unset it for half of what is free"
         )
         raise ParamsError(message)
-    return int(float(found[1]) * _UNITS[found[2].upper()])
+    return int(Decimal(found[1]) * _UNITS[found[2].upper()])
 
 
 def free_memory() -> int:

@@ -16,6 +16,8 @@ from addressed_dynamics.base.errors import DeviceError, ParamsError
 
 DEVICE = "ADDRESSED_DYNAMICS_DEVICE"
 """Environment variable: `cpu`, as without it; `cuda`, for the first GPU; `cuda:1`, for another."""
+MOST_GPUS = 128
+"""PyTorch keeps a GPU's number in 8 bits: it would take number 300 for 44."""
 CPU = torch.device("cpu")
 """Where everything is computed unless something else is asked for."""
 
@@ -48,14 +50,33 @@ def computing_device() -> torch.device:
     """Return the device that the environment asks for: the CPU, or a GPU, which is there.
 
     Raises:
-        ParamsError: the environment asks for a device of another kind, or for a GPU and Ray.
+        ParamsError: the environment asks for a device of another kind, for a GPU and Ray, or for no engine that is.
         DeviceError: this build of torch has no GPUs, or the machine has no such GPU.
     """
-    device = _asked_device()
-    if device.type != "cpu" and engine() is not None:
+    device, cluster = _asked_device(), engine()
+    if device.type != "cpu" and cluster is not None:
         message = f"{DEVICE} is '{device}', but tasks of Ray are given no GPU; unset it, or {ENGINE}"
         raise ParamsError(message)
     return checked_device(device, DEVICE, f"unset {DEVICE}")
+
+
+def named_device(name: str, asked_by: str = "device=") -> torch.device:
+    """Return the device of a name, whether it is there or not.
+
+    Args:
+        name: `cpu`, `cuda`, or `cuda:1` for another GPU than the first.
+        asked_by: what asks for it, for the message.
+
+    Raises:
+        ParamsError: there is no device of this name.
+    """
+    found = re.fullmatch(r"cpu|cuda(?::(\d+))?", name)
+    if found is None or int(found[1] or 0) >= MOST_GPUS:
+        message = f"{asked_by} should be 'cpu', 'cuda' or 'cuda:NUMBER', but is '{name}'"
+        if found is not None:
+            message += f"; PyTorch counts GPUs from 0 to {MOST_GPUS - 1}"
+        raise ParamsError(message)
+    return CPU if name == "cpu" else torch.device("cuda", int(found[1] or 0))
 
 
 def checked_device(
@@ -69,9 +90,10 @@ def checked_device(
         otherwise: what to do to get the CPU, for the message.
 
     Raises:
+        ParamsError: there is no device of this name.
         DeviceError: this build of torch has no GPUs, or the machine has no such GPU.
     """
-    device = torch.device(device)
+    device = named_device(device, asked_by) if isinstance(device, str) else device
     if device.type != "cuda":
         return device
     device = torch.device("cuda", device.index or 0)
@@ -114,8 +136,4 @@ def named_generator(seed: int, name: str) -> torch.Generator:
 
 
 def _asked_device() -> torch.device:
-    asked = os.environ.get(DEVICE, "cpu")
-    if not (found := re.fullmatch(r"cpu|cuda(?::(\d+))?", asked)):
-        message = f"{DEVICE} should be 'cpu', 'cuda' or 'cuda:NUMBER', but is '{asked}'"
-        raise ParamsError(message)
-    return CPU if asked == "cpu" else torch.device("cuda", int(found[1] or 0))
+    return named_device(os.environ.get(DEVICE, "cpu"), DEVICE)

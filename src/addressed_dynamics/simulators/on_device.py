@@ -32,6 +32,7 @@ class ModelOnDevice:
         """Send the networks of `model` to a device, for instance `cuda`.
 
         Raises:
+            ParamsError: there is no device of this name.
             DeviceError: it is not there.
         """
         self.device = checked_device(device)

@@ -14,6 +14,7 @@ from gymnasium.spaces import Box, Discrete
 from jaxtyping import Int64
 
 from addressed_dynamics.base.errors import ModelError
+from addressed_dynamics.base.torch_runtime import named_device
 from addressed_dynamics.episodes.transitions import DiscreteAction
 from addressed_dynamics.simulators.addressed import AddressedDynamics
 from addressed_dynamics.simulators.modes import Mode
@@ -106,7 +107,8 @@ class World:
 
         Raises:
             ModelError: there is no such model, function or choice, or the starts are of another model.
-            DeviceError: there is no such device.
+            ParamsError: there is no device of this name.
+            DeviceError: it is not there.
         """
         home = None
         if isinstance(model, AddressedDynamics):
@@ -125,7 +127,8 @@ class World:
         if exogenous is not None and not used.features.spaces.exogenous:
             message = "the model has no exogenous inputs, but a function of them was given; leave exogenous= out"
             raise ModelError(message)
-        elsewhere = device is not None and torch.device(device).type != "cpu"
+        place = named_device(device) if isinstance(device, str) else device
+        elsewhere = place is not None and place.type != "cpu"
         if exact and elsewhere:
             message = f"exact=True computes in double precision, which it does on the CPU, but not on '{device}'"
             raise ModelError(message)
@@ -134,7 +137,7 @@ class World:
         return World(
             model=used,
             precise=_precise(used) if exact else None,
-            there=ModelOnDevice(used, device) if elsewhere and device is not None else None,
+            there=ModelOnDevice(used, place) if elsewhere and place is not None else None,
             starts=found,
             no_starts=missing,
             candidates=np.empty(0, np.int64) if here is None else np.flatnonzero(here),
