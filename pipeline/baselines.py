@@ -172,7 +172,9 @@ def _blended_seconds(
         return train_gated(samples, samples, brief, seed=0, augment=data.augment, device=device)
 
     features, size = data.features, params.batch_size
-    each = seconds_per_update(training, inputs=features.inputs, outputs=features.outputs, members=1, batch_size=size)
+    each = seconds_per_update(
+        training, inputs=features.inputs, outputs=features.outputs, members=1, batch_size=size, samples=len(data.train)
+    )
     return each * params.epochs * updates_per_epoch(len(data.train), 1, size)
 
 

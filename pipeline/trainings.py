@@ -219,6 +219,7 @@ def ensemble_seconds(data: TrainingData[Features], params: EnsembleParams, devic
         outputs=data.features.outputs,
         members=params.members,
         batch_size=params.batch_size,
+        samples=len(data.train),
     )
     return each * params.epochs * updates_per_epoch(len(data.train), params.members, params.batch_size)
 
@@ -344,6 +345,7 @@ def addressing_seconds(
         )
 
     each = seconds_per_update(
-        training, inputs=data.features.inputs, outputs=data.features.outputs, members=1, batch_size=params.batch_size
-    )
+        training, inputs=data.features.inputs, outputs=data.features.outputs, members=1, batch_size=params.batch_size,
+        samples=len(data.train),
+    )  # fmt: skip
     return each * params.epochs * updates_per_epoch(len(data.train), 1, params.batch_size)

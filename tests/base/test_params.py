@@ -20,7 +20,7 @@ from addressed_dynamics.base.params.experiments import (
     replaced_keys,
 )
 from addressed_dynamics.base.params.recording import DqnBehaviour
-from addressed_dynamics.base.params.training import EnsembleParams
+from addressed_dynamics.base.params.training import EnsembleParams, EnsembleSection
 from addressed_dynamics.sources.motion.params import (
     LearnedBlend,
     MotionExperimentParams,
@@ -445,3 +445,8 @@ def test_dvc_changes_one_line_of_the_params_and_no_other(tmp_path: Path) -> None
     before, after = text.splitlines(), changed_file.read_text(encoding="utf-8").splitlines()
     (line,) = (number for number, (old, new) in enumerate(zip(before, after, strict=True)) if old != new)
     assert after[line].strip() == "epochs: 5"
+
+
+def test_the_same_seed_twice_is_refused() -> None:
+    with pytest.raises(ValidationError, match="should be different"):
+        EnsembleSection(seeds=(1, 0, 1))

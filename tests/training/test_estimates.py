@@ -32,6 +32,18 @@ def test_a_probe_has_the_sizes_of_the_training(monkeypatch: pytest.MonkeyPatch) 
         for index in (1, 2):
             yield Epoch(index, index == 2, index, {}, StackedMLP(1, (3, 2), "relu"))
 
-    each = seconds_per_update(training, inputs=3, outputs=2, members=4, batch_size=5)
+    each = seconds_per_update(training, inputs=3, outputs=2, members=4, batch_size=5, samples=1000)
     assert seen == [(PROBE_UPDATES * 20, 3, 2)]
     assert each == 16.0 / PROBE_UPDATES
+
+
+def test_a_probe_makes_up_no_more_samples_than_there_are() -> None:
+    seen: list[int] = []
+
+    def training(samples: Samples) -> Iterator[Epoch]:
+        seen.append(len(samples))
+        for index in (1, 2):
+            yield Epoch(index, index == 2, index, {}, StackedMLP(1, (3, 2), "relu"))
+
+    seconds_per_update(training, inputs=3, outputs=2, members=4, batch_size=100_000_000, samples=660)
+    assert seen == [660]

@@ -16,7 +16,13 @@ PROBE_UPDATES = 8
 
 
 def seconds_per_update(
-    training: Callable[[Samples], Iterator[Epoch]], *, inputs: int, outputs: int, members: int, batch_size: int
+    training: Callable[[Samples], Iterator[Epoch]],
+    *,
+    inputs: int,
+    outputs: int,
+    members: int,
+    batch_size: int,
+    samples: int,
 ) -> float:
     """Return how long an update of `training` takes on this machine.
 
@@ -26,16 +32,17 @@ def seconds_per_update(
         outputs: columns of their y.
         members: networks that an epoch's samples are divided among.
         batch_size: samples per member and update.
+        samples: as many as there are; no more are made up.
     """
-    rows = PROBE_UPDATES * members * batch_size
+    rows = max(min(PROBE_UPDATES * members * batch_size, samples), members)
     generator = torch.Generator().manual_seed(0)
-    samples = Samples(
+    probe = Samples(
         x=torch.randn(rows, inputs, generator=generator),
         y=torch.randn(rows, outputs, generator=generator),
         episode=torch.zeros(rows, dtype=torch.int64),
         step=torch.arange(rows),
     )
-    ends = [time.perf_counter() for _ in training(samples)]
+    ends = [time.perf_counter() for _ in training(probe)]
     return (ends[-1] - ends[0]) / max(updates_per_epoch(rows, members, batch_size), 1)
 
 

@@ -13,7 +13,7 @@ from addressed_dynamics.base.params.sections import (
     Dropout,
     OptimiserParams,
     Section,
-    Seed,
+    Seeds,
     Share,
     Widths,
 )
@@ -25,7 +25,7 @@ Loss = Literal["mse", "mae", "mae+mse"]
 class EnsembleSection(Section):
     """Phase 1: Algorithm 1 and the subnetworks, of which there may be as many as validation says."""
 
-    seeds: Annotated[tuple[Seed, ...], Field(min_length=1)] = (0, 1)
+    seeds: Seeds = (0, 1)
     """One ensemble is trained from each seed; the first is the one that is delivered."""
     members: CountOrAuto = 2
     """Number of subnetworks, n in the paper; `auto`: of 1, 2, 4 and 8 the smallest that is about as good as the best on
@@ -214,7 +214,7 @@ class BaselinesParams(Section):
     such ensemble."""
     phase_functioned: BlendedNetwork | None = None
     learned_blend: BlendedNetwork | None = None
-    seeds: Annotated[tuple[Seed, ...], Field(min_length=1)] = (0,)
+    seeds: Seeds = (0,)
     """One of each is trained from each seed."""
     addressing: AddressingTraining = AddressingTraining()
     """The addressing networks of `unequal_bins`, `random_bins` and `other_recipe`, trained on plain argmin targets. Its

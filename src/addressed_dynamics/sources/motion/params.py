@@ -16,6 +16,7 @@ from addressed_dynamics.base.params.sections import (
     Positive,
     Section,
     Seed,
+    Seeds,
     Share,
     Widths,
 )
@@ -117,7 +118,7 @@ class MotionOptimiser(OptimiserParams):
 class MotionEnsembleParams(EnsembleSection):
     """Phase 1, with defaults for motion."""
 
-    seeds: Annotated[tuple[Seed, ...], Field(min_length=1)] = (0,)
+    seeds: Seeds = (0,)
     members: CountOrAuto = 4
     hidden: Widths = (512, 512)
     activation: Activation = "elu"
