@@ -63,7 +63,7 @@ class Soak:
     def __init__(self, folder: Path, seed: int, steps: list[Step], *, warm: bool, looks: int) -> None:
         """Run all steps undisturbed, and keep what the project is like before and after each."""
         self.folder, self.steps, self.warm, self.looks = folder.resolve(), steps, warm, looks
-        self.draw = random.Random(seed)
+        self.seed, self.draw = seed, random.Random(seed)
         self.tallies: dict[tuple[str, str], Tally] = {}
         self.seconds: dict[Step, list[float]] = {}
         self.states: list[State] = []
@@ -289,7 +289,7 @@ class Soak:
         """Take MLflow away from an instant on, so many times, in all ways in turn."""
         tally = self.tally(step, "MLflow gone")
         while tally.disturbed < count:
-            way = WAYS[tally.disturbed % len(WAYS)]
+            way = WAYS[(self.seed + tally.disturbed) % len(WAYS)]
             clone = self.begin(step)
             tracking = {"MLFLOW_TRACKING_URI": server.start()} if way in SERVER else {}
             by, command = self.instant(step), self.start(step, **tracking)
