@@ -28,7 +28,7 @@ from addressed_dynamics.logs import RunInfo, write_log
 from addressed_dynamics.sources.transitions.conversion import convert_recording
 from addressed_dynamics.sources.transitions.params import ConvertParams
 
-LOGS, EPISODES, STEPS = 40, 40, 500
+LOGS, STEPS = 40, 500
 CAR = SpaceSpec(
     observation=(Dimension("position", "m", -1.2, 0.6), Dimension("velocity", "m/step", -0.07, 0.07)),
     action=DiscreteAction(("left", "none", "right")),
@@ -36,9 +36,9 @@ CAR = SpaceSpec(
 )
 
 
-def made_up(seed: int) -> Transitions:
-    """Return episodes of a random walk within the bounds."""
-    draw, rows = np.random.default_rng(seed), EPISODES * STEPS
+def made_up(seed: int, episodes: int) -> Transitions:
+    """Return so many episodes of a random walk within the bounds."""
+    draw, rows = np.random.default_rng(seed), episodes * STEPS
     states = draw.uniform([-1.2, -0.07], [0.6, 0.07], (rows, 2)).astype(np.float32)
     ends = np.arange(rows) % STEPS == STEPS - 1
     after = np.where(ends[:, None], states, np.roll(states, -1, axis=0)).astype(np.float32)
@@ -46,7 +46,7 @@ def made_up(seed: int) -> Transitions:
     return Transitions(
         spec=CAR,
         time_ns=np.arange(rows, dtype=np.int64) * 33_333_333,
-        episode=np.repeat(np.arange(EPISODES), STEPS),
+        episode=np.repeat(np.arange(episodes), STEPS),
         step=step,
         observation=states,
         action=draw.integers(0, 3, rows),
@@ -106,7 +106,10 @@ def main() -> None:
     """Print the median seconds of both and their ratio."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rounds", type=int, default=5)
-    rounds = parser.parse_args().rounds
+    parser.add_argument("--episodes", type=int, default=40, help=f"in a log, of {STEPS} transitions")
+    parser.add_argument("--alone", action="store_true", help="without Ray's own reader beside it")
+    options = parser.parse_args()
+    rounds, episodes = options.rounds, options.episodes
     if importlib.util.find_spec("ray") is None:
         print("Ray is not installed (pip install 'addressed-dynamics[ray]'): nothing measured")
         return
@@ -116,7 +119,7 @@ def main() -> None:
         raw.mkdir()
         for number in range(LOGS):
             run = RunInfo(environment="Walk", segment="walk", behaviour="random", seed=number)
-            write_log(raw / f"log-{number:02d}.mcap", iter([made_up(number)]), run=run, topic="/walk")
+            write_log(raw / f"log-{number:02d}.mcap", iter([made_up(number, episodes)]), run=run, topic="/walk")
 
         def convert(engine: str, place: str) -> None:
             os.environ[ENGINE] = engine
@@ -130,8 +133,10 @@ def main() -> None:
         names = ("local", "ray", "local start", "ray start", "messages", "columns")
         seconds: dict[str, list[float]] = {name: [] for name in names}
         for round_ in range(rounds):
-            for name, each in zip(("messages", "columns"), read_by_ray(raw, folder / f"read-{round_}"), strict=True):
-                seconds[name].append(each)
+            if not options.alone:
+                found = read_by_ray(raw, folder / f"read-{round_}")
+                for name, each in zip(("messages", "columns"), found, strict=True):
+                    seconds[name].append(each)
             for engine in ("local", "ray"):
                 seconds[f"{engine} start"].append(timed(partial(start, engine)))
                 seconds[engine].append(timed(partial(convert, engine, engine)))
@@ -139,13 +144,13 @@ def main() -> None:
             (folder / "ray" / path.relative_to(folder / "local")).read_bytes() == path.read_bytes()
             for path in (folder / "local").rglob("*.parquet")
         )
-    middle = {name: statistics.median(each) for name, each in seconds.items()}
+    middle = {name: statistics.median(each) for name, each in seconds.items() if each}
     work = {
         name: statistics.median(np.subtract(seconds[name], seconds[f"{name} start"]).tolist())
         for name in ("local", "ray")
     }
     print(
-        f"{LOGS} logs of {EPISODES * STEPS:,} transitions; the same bytes: {'yes' if same else 'NO'}; {rounds} rounds"
+        f"{LOGS} logs of {episodes * STEPS:,} transitions; the same bytes: {'yes' if same else 'NO'}; {rounds} rounds"
     )
     print_table(
         ["", "all, s", "start, s", "work, s"],
@@ -155,8 +160,10 @@ def main() -> None:
         ],
     )
     print(f"work, Ray's tasks to worker processes: {work['ray'] / work['local']:.2f} (at most 1.3 asked)")
+    if options.alone:
+        return
     ours = np.subtract(seconds["ray"], seconds["ray start"]).tolist()
-    rows = LOGS * EPISODES * STEPS
+    rows = LOGS * episodes * STEPS
     print_table(
         ["Ray's own reader, its start apart", "rows/s", "ours is faster by"],
         [
