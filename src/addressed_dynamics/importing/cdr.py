@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
+from functools import lru_cache
 from typing import Any
 
 from mcap.well_known import SchemaEncoding
@@ -37,6 +38,7 @@ _BUILT_IN = {
 # Definitions in logs often leave out what every installation has.
 
 
+@lru_cache(maxsize=64)  # a folder of logs has a few definitions, and each is compiled
 def cdr_decoder(name: str, encoding: str, text: str) -> Callable[[bytes], Any]:
     """Return what decodes messages of a ROS 2 type.
 
