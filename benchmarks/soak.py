@@ -55,6 +55,8 @@ COUNTS = ("disturbed", "looked", "ended", "faults")
 """What is counted of each stage and kind of disturbance."""
 MOST_LINES = 12
 """So many of the lines that were said are kept for each kind."""
+NOT_KEPT = ("WARNING: Process", "Stage '", "Data and pipelines", "If there are no")
+"""How lines of DVC about its own locks and what it need not run begin."""
 
 
 def steps_of(experiments: list[str]) -> list[Step]:
@@ -115,7 +117,8 @@ def added(kept: Mapping[str, Any], table: Sequence[Mapping[str, Any]], seed: int
         counts = Counter({key: row[key] for key in COUNTS})
         kinds = stages.setdefault(row["stage"], {})
         kinds[row["kind"]] = {key: (counts + Counter(kinds.get(row["kind"], {})))[key] for key in COUNTS}
-        said.setdefault(row["kind"], Counter()).update(row["said"])
+        new = {line: number for line, number in row["said"].items() if not line.startswith(NOT_KEPT)}
+        said.setdefault(row["kind"], Counter()).update(new)
         dvc, left = dvc + Counter(row["dvc"]), left + Counter(row["left"])
     return {
         "seeds": [*kept.get("seeds", []), seed],
