@@ -9,8 +9,9 @@ import sqlite3
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, closing
+from contextlib import AbstractContextManager, ExitStack, closing
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from unittest.mock import MagicMock
 
@@ -501,6 +502,44 @@ def test_a_run_that_cannot_be_opened_leaves_none_open(
         pass
     found = {run.data.tags["stage"]: run.info.status for run in runs_of(store, "unopened").values()}
     assert found == {"evaluate": "FAILED", "report": "FINISHED", "pipeline": "FINISHED"}
+
+
+@pytest.mark.usefixtures("store")
+def test_a_store_that_is_waited_for_in_vain_is_not_waited_for_by_every_run(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    now, calls = [0.0], list[str]()
+
+    def wait_in_vain(*arguments: object, **named: object) -> None:
+        calls.append(str(arguments or named))
+        now[0] += 30.0
+        message = "database is locked"
+        raise OSError(message)
+
+    monkeypatch.setattr(runs, "time", SimpleNamespace(monotonic=lambda: now[0], time=lambda: 0.0))
+    monkeypatch.setattr(runs, "_lost", {})
+    with ExitStack() as stack:
+        opened = [
+            stack.enter_context(tracking.run(stage="s", experiment="locked", name=f"run {number}", params={}))
+            for number in range(4)
+        ]
+        assert all(run.id for run in opened)
+        for name in ("log_batch", "set_terminated"):
+            monkeypatch.setattr(type(opened[0]._client), name, wait_in_vain)
+        monkeypatch.setattr(runs, "connect", wait_in_vain)
+        opened[0].log({"loss/train": 1.0}, 0)
+        opened[0].flush()
+        for run in opened[1:]:
+            run.log({"loss/train": 1.0}, 0)
+        with tracking.run(stage="s", experiment="locked", name="one more", params={}) as more:
+            assert more.id is None
+    assert len(calls) == 1
+    (said,) = [record.getMessage() for record in caplog.records if record.name == tracking.__name__]
+    assert said.startswith("MLflow: could not keep metrics (database is locked)")
+    now[0] += 30.0 * runs._PATIENCE
+    with tracking.run(stage="s", experiment="locked", name="later", params={}) as later:
+        assert later.id is None
+    assert len(calls) == 2  # it is tried again
 
 
 def test_a_machine_that_cannot_be_watched_costs_a_warning_and_nothing_else(

@@ -10,6 +10,7 @@ from __future__ import annotations
 import getpass
 import json
 import logging
+import math
 import os
 import tempfile
 import time
@@ -237,12 +238,16 @@ class Run:
     def _attempt(self, what: str, action: Callable[[str], object], *, give_up: bool = True) -> None:
         if not self._works or self._reference is None:
             return
+        if _is_left_alone(self._client.tracking_uri):
+            self._works = False
+            return
+        begin = time.monotonic()
         try:
             with no_foreign_warnings():
                 action(self._reference.run_id)
         except Exception as error:  # MLflow, its database driver and its HTTP client each raise their own kinds
             self._works = not give_up
-            if what != METRICS or _newly_lost(self._client.tracking_uri):
+            if what != METRICS or _newly_lost(self._client.tracking_uri, begin):
                 _warn(f"could not keep {what}", error)
 
     def _close(self, status: str) -> None:
@@ -252,11 +257,14 @@ class Run:
         if self._digests and status == "FINISHED":
             tag = " ".join(self._digests)
             self._attempt("the digests", lambda run_id: self._client.set_tag(run_id, OUTPUT_TAG, tag))
+        if _is_left_alone(self._client.tracking_uri):
+            return
+        begin = time.monotonic()
         try:
             with no_foreign_warnings():
                 _end(self._client, self._reference.experiment_id, self._reference.run_id, self._parent, status)
         except Exception as error:  # see _attempt
-            if self._works:
+            if _newly_lost(self._client.tracking_uri, begin) and self._works:
                 _warn("could not close the run", error)
 
 
@@ -368,7 +376,7 @@ def _open(
     experiment: str, name: str, params: Mapping[str, Any], tags: Mapping[str, str], pipeline: Pipeline | None
 ) -> Run:
     store, begin = find_store(), time.monotonic()
-    if begin < _lost.get(store.uri, begin):
+    if _is_left_alone(store.uri):
         return Run(None, None)
     try:
         client, experiment_id = connect(store, experiment)
@@ -382,10 +390,8 @@ def _open(
                 _end(client, experiment_id, run_id, parent, "FAILED")
             raise
     except Exception as error:  # see Run._attempt
-        if _newly_lost(store.uri):
+        if _newly_lost(store.uri, begin):
             _warn("could not open a run", error)
-        now = time.monotonic()
-        _lost[store.uri] = now + _PATIENCE * (now - begin)
         return Run(None, None)
     _lost.pop(store.uri, None)
     return Run(client, RunReference(run_id, experiment_id, name), parent)
@@ -460,11 +466,15 @@ def _provenance(stage: str) -> dict[str, str]:
     return tags
 
 
-def _newly_lost(uri: str) -> bool:
-    """Take a store for lost; return whether that is new."""
-    new = uri not in _lost
-    _lost.setdefault(uri, time.monotonic())
+def _newly_lost(uri: str, begin: float) -> bool:
+    """Take a store that was waited for since `begin` for lost; return whether that is new."""
+    new, now = uri not in _lost, time.monotonic()
+    _lost[uri] = now + _PATIENCE * (now - begin)
     return new
+
+
+def _is_left_alone(uri: str) -> bool:
+    return time.monotonic() < _lost.get(uri, -math.inf)
 
 
 def _warn(what: str, error: Exception) -> None:
