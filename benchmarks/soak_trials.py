@@ -272,8 +272,8 @@ class Soak:
                 tally.disturbed += 1
                 self._judge_full(step, tally, status, command)
             tally.said += remarks(command.log, step.experiment)
+            room.make_room()  # which what DVC left half written needs to be repaired
             self.look(step, "disk full", command, room)
-            room.make_room()
             self.finish(step, "disk full", room)
             yield
 
