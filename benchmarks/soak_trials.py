@@ -159,7 +159,8 @@ class Soak:
             how = "hangs" if status is None else f"ends with status {status}"
             self.fault(tally, f"{step} {how} once nothing disturbs it any more", command)
             return
-        self.seconds[step].append(command.seconds)
+        if kind != "MLflow gone":  # which it may wait for, and then most instants would come after its end
+            self.seconds[step].append(command.seconds)
         tally.ended += 1
         if wrong := differences(room.clone, self.states[self.steps.index(step) + 1]):
             self.fault(tally, f"{step} ends otherwise: {'; '.join(wrong[:SHOWN])}", command)
