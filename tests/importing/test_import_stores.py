@@ -1,8 +1,11 @@
 """Files in an object store make the logs that the same files make here; what the store refuses is one line."""
 
 import json
+import socket
+import threading
 from collections.abc import Iterator
 from contextlib import nullcontext
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +51,71 @@ def imported(folder: str, cores: int = 1, **changes: Any) -> dict[str, bytes] | 
         assert left == [], "what is whole goes with the folder of the stage"
         return str(error)
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in Path(folder).rglob("*")}
+
+
+class Served(SimpleHTTPRequestHandler):
+    """Files of the current folder; those below `busy` cannot be had now, and those below `shut` by nobody."""
+
+    def do_GET(self) -> None:
+        refusals = {"busy": 503, "shut": 403}
+        if refused := refusals.get(self.path.split("/")[1]):
+            self.send_error(refused)
+        else:
+            super().do_GET()
+
+    do_HEAD = do_GET
+
+    def log_message(self, *_: object) -> None:
+        pass
+
+
+@pytest.fixture
+def web() -> Iterator[str]:
+    """The address of a web server for the current folder."""
+    with ThreadingHTTPServer(("127.0.0.1", 0), Served) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        yield f"http://127.0.0.1:{server.server_port}"
+        server.shutdown()
+        thread.join()
+
+
+@pytest.mark.parametrize("names", [("*",), ("run_0", "run_1")])
+def test_files_of_a_web_server_make_the_logs_of_the_same_files(web: str, names: tuple[str, ...]) -> None:
+    save(Path(), **two_logs())
+    there = imported("there", files=[f"{web}/logs/{name}.mcap" for name in names])
+    here = imported("here", files=[f"logs/{name}.mcap" for name in names])
+    assert isinstance(there, dict)
+    assert isinstance(here, dict)
+    account = json.loads(there.pop("import.json").replace(f"{web}/".encode(), b""))
+    assert list(account.pop("copied")) == ["logs/run_0.mcap", "logs/run_1.mcap"]
+    assert account == json.loads(here.pop("import.json"))
+    assert there == here
+
+
+@pytest.mark.parametrize(
+    ("place", "words"),
+    [
+        ("logs/none.mcap", "no object matches"),
+        ("none/*.mcap", "no object matches"),
+        ("busy/run_0.mcap", "the store cannot be asked (ClientResponseError 503)"),
+        ("busy/*.mcap", "the store cannot be asked (ClientResponseError 503)"),
+        ("shut/run_0.mcap", "the store cannot be asked (ClientResponseError 403)"),
+        ("shut/*.mcap", "the store cannot be asked (ClientResponseError 403)"),
+    ],
+)
+def test_a_web_server_that_refuses_is_told_from_one_without_the_file(web: str, place: str, words: str) -> None:
+    save(Path(), **two_logs())
+    assert words in str(imported("out", files=[f"{web}/{place}"]))
+
+
+@pytest.mark.parametrize("name", ["run_0.mcap", "*.mcap"])
+def test_a_web_server_that_is_not_there_is_one_line(name: str) -> None:
+    with socket.socket() as taken:  # bound, and nobody listens
+        taken.bind(("127.0.0.1", 0))
+        message = str(imported("out", files=[f"http://127.0.0.1:{taken.getsockname()[1]}/{name}"]))
+    assert "see that the store can be reached" in message
+    assert "\n" not in message
 
 
 @pytest.mark.parametrize("episode", [{"by": "file"}, {"by": "gap", "seconds": 3.0}])

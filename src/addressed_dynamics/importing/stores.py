@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any, TypeVar
@@ -26,6 +26,7 @@ VERSIONS = ("ETag", "etag", "md5Hash", "content_md5", "md5", "version_id", "mtim
 """What stores say of an object that changes with its contents; the first that one says counts."""
 
 Answer = TypeVar("Answer")
+_WILDCARD = re.compile(r"[*?\[]")
 _URL = re.compile(r"(?P<scheme>[A-Za-z][A-Za-z0-9+.-]*)://(?P<place>.*)", re.DOTALL)
 
 
@@ -51,13 +52,13 @@ def find_remote(pattern: str, folder: Path) -> list[Remote]:
         ParamsError: the URL has a password in it, or several in one.
         LogError: the store cannot be asked, refuses, or has no such object.
     """
-    scheme, place = _parts(pattern)
-    found = _ask(pattern, lambda store: store.glob(place, detail=True))
+    scheme = _scheme(pattern)
+    found = _ask(pattern, _found)
     remote = []
     for name, about in sorted(found.items()):
         if about.get("type") == "directory":
             continue
-        path = PurePosixPath(str(name).lstrip("/"))
+        path = PurePosixPath(str(name).removeprefix(f"{scheme}://").lstrip("/"))
         if ".." in path.parts:
             message = f"{pattern}: an object there is called '{name}', which is no path; give it another name"
             raise LogError(message)
@@ -90,14 +91,13 @@ def copy(remote: Remote) -> dict[str, Any]:
     Raises:
         LogError: the store cannot be asked or refuses, the object has gone or changes meanwhile, or the disk is full.
     """
-    _, place = _parts(remote.url)
-    about = _ask(remote.url, lambda store: _info(store, place))
+    about = _ask(remote.url, _info)
     with atomic_path(remote.copy) as temporary:
-        _ask(remote.url, lambda store: store.get_file(place, str(temporary)))
+        _ask(remote.url, lambda store, place: store.get_file(place, str(temporary)))
         size = temporary.stat().st_size
-        after = _ask(remote.url, lambda store: _info(store, place))
+        after = _ask(remote.url, _info)
         version = _version(about)
-        if size != about.get("size", size) or _version(after) != version:
+        if about.get("size") not in {None, size} or _version(after) != version:
             message = f"{remote.url}: the object changed while it was copied ({size} bytes); import again"
             raise LogError(message)
     return {"bytes": size} | ({} if version is None else {"version": version})
@@ -114,8 +114,12 @@ def said(value: Any, folder: Path) -> Any:
     return value
 
 
-def _parts(url: str) -> tuple[str, str]:
-    """Return scheme and place; nothing secret is in what is said of a URL that has a password."""
+def _scheme(url: str) -> str:
+    """Return which store a URL is of.
+
+    Raises:
+        ParamsError: it has a password in it, or is several in one; nothing secret is in what is said.
+    """
     found = _URL.fullmatch(url)
     assert found is not None
     scheme, place = found["scheme"].lower(), found["place"]
@@ -127,11 +131,11 @@ def _parts(url: str) -> tuple[str, str]:
         shown = url.partition("?")[0]
         message = f"source.files: '{shown}' should be the URL of files in one store, without a query"
         raise ParamsError(message)
-    return scheme, place
+    return scheme
 
 
-def _ask(url: str, question: Callable[[Any], Answer]) -> Answer:
-    """Ask the store of a URL.
+def _ask(url: str, question: Callable[[Any, str], Answer]) -> Answer:
+    """Ask the store of a URL, for what it calls that place.
 
     Raises:
         LogError: it does not answer what is asked. Only what we know to be harmless of its own words is repeated: some
@@ -139,12 +143,12 @@ def _ask(url: str, question: Callable[[Any], Answer]) -> Answer:
     """
     import fsspec
 
-    scheme = _parts(url)[0]
+    scheme = _scheme(url)
     if scheme not in fsspec.available_protocols():
         message = f"{url}: fsspec knows no store of the kind '{scheme}'; correct the 'files' of the source"
         raise LogError(message)
     try:
-        return question(fsspec.filesystem(scheme))
+        return question(*fsspec.url_to_fs(url))
     except ImportError as error:
         message = f"{url}: to read from '{scheme}', install what fsspec needs for it ({_plain(error)})"
         raise LogError(message) from error
@@ -161,8 +165,20 @@ def _ask(url: str, question: Callable[[Any], Answer]) -> Answer:
         )
         raise LogError(message) from error
     except Exception as error:  # every store has errors of its own
-        message = f"{url}: the store cannot be asked ({type(error).__name__}); see its address and who may read there"
+        what = " ".join(str(each) for each in (type(error).__name__, getattr(error, "status", None)) if each)
+        message = f"{url}: the store cannot be asked ({what}); see its address and who may read there"
         raise LogError(message) from error
+
+
+def _found(store: Any, pattern: str) -> dict[str, dict[str, Any]]:
+    """Return what a store says of the objects that match a pattern."""
+    store.invalidate_cache()
+    found: dict[str, dict[str, Any]] = store.glob(pattern, detail=True)
+    if not found and not _WILDCARD.search(pattern):
+        # For fsspec's HTTP an object is not there, too, if its server is down or refuses; to read it says which.
+        with suppress(FileNotFoundError):
+            store.cat_file(pattern, start=0, end=1)
+    return found
 
 
 def _info(store: Any, place: str) -> dict[str, Any]:
