@@ -126,6 +126,8 @@ class Command:
                 start_new_session=True,
             )  # fmt: skip
         self._begin = time.monotonic()
+        self.hung: list[str] = []
+        """What still ran when it was taken for one that hangs."""
 
     @property
     def seconds(self) -> float:
@@ -149,6 +151,7 @@ class Command:
         """Wait until it ends; return its exit status, None if it hangs and is killed."""
         ended = self.has_ended(self.seconds + PATIENCE)
         if not ended:
+            self.hung = sorted(processes_in(self.clone).values())
             kill_all(self.clone)
         self._process.wait()
         return self._process.returncode if ended else None

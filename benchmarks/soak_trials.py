@@ -141,7 +141,7 @@ class Soak:
     def fault(self, tally: Tally, what: str, command: Command | None = None) -> None:
         """Keep something that is wrong, with what was said."""
         tally.faults.append(what)
-        said = command.log if command else ""
+        said = "\n".join([command.log, *command.hung]) if command else ""
         with (self.folder / "faults.txt").open("a", encoding="utf-8") as file:
             file.write(f"==== {what}\n{said}\n")
 
