@@ -24,7 +24,7 @@ from addressed_dynamics.networks.stacked import StackedMLP
 from addressed_dynamics.tracking import Run
 from addressed_dynamics.training.addressing import confusion_matrix, train_addressing
 from addressed_dynamics.training.checkpoints import Checkpoint
-from addressed_dynamics.training.ensemble import profiles_on, train_ensemble
+from addressed_dynamics.training.ensemble import check_enough, profiles_on, train_ensemble
 from addressed_dynamics.training.epochs import Epoch, updates_per_epoch
 from addressed_dynamics.training.estimates import all_done, in_words, seconds_per_update
 from addressed_dynamics.training.jobs import Job, run_jobs
@@ -205,7 +205,12 @@ def ensemble_job(
 
 
 def ensemble_seconds(data: TrainingData[Features], params: EnsembleParams, device: torch.device) -> float:
-    """Return about how long one ensemble trains, a single network if it has one member."""
+    """Return about how long one ensemble trains, a single network if it has one member.
+
+    Raises:
+        TrainingError: there are too few samples; what is timed would be made up of more.
+    """
+    check_enough(data.train, data.validation, params.members)
     brief = params.model_copy(update={"epochs": 2, "cluster_epochs": 1, "restart": False})
 
     def training(samples: Samples) -> Iterator[Epoch]:

@@ -101,12 +101,7 @@ def train_ensemble(
         TrainingError: there are fewer samples than members, `updates` are more than the epochs have or end before the
             restart, networks cannot go on from these samples but should, or a loss is not finite.
     """
-    if len(train) < params.members or not len(validation):
-        message = (
-            f"training needs at least {params.members} training samples and one for validation, "
-            f"but has {len(train)} and {len(validation)}: record more episodes"
-        )
-        raise TrainingError(message)
+    check_enough(train, validation, params.members)
     if params.horizon > 1:
         _courses(train)
     members = params.members
@@ -190,6 +185,20 @@ def train_ensemble(
             state |= {"kept": kept} if params.early_stopping else {}
             checkpoint.save(history, state | ({"near": near} if params.overlap else {}))
         yield _ended(history, length, stopping, trainer, kept)
+
+
+def check_enough(train: Samples, validation: Samples, members: int) -> None:
+    """Refuse samples that cannot be divided among so many members.
+
+    Raises:
+        TrainingError: a member would have none, or there is none for validation.
+    """
+    if len(train) < members or not len(validation):
+        message = (
+            f"training needs at least {members} training samples and one for validation, "
+            f"but has {len(train)} and {len(validation)}: record more episodes, or have fewer 'ensemble.members'"
+        )
+        raise TrainingError(message)
 
 
 def _equal_bins(
