@@ -72,6 +72,8 @@ def test_a_new_experiment_is_one_that_the_pipeline_reads_and_its_undo_leaves_not
         (["new", "acrobot", "bags", "--yes"], "there is a 'acrobot' in it already"),
         (["new", "2arm", "bags", "--yes"], "cannot be the name of an experiment"),
         (["new", "arm", "nowhere", "--yes"], "there is no such file or folder"),
+        (["new", "2arm", "nowhere"], "cannot be the name of an experiment"),
+        (["new", "acrobot", "nowhere"], "there is a 'acrobot' in it already"),
         (["new", "arm", "bags", "--yes", "--rate", "0.01"], "no episode is worth training on"),
         (["new", "arm", "bags", "--yes", "--rate", "-1"], "source.rate_hz"),
         (["remove", "acrobot"], "was not made by 'addressed-dynamics new'"),
@@ -247,6 +249,7 @@ def test_files_in_which_nothing_can_be_read_are_refused_with_the_reason(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a.mcap").write_bytes(json_log([("/q", 100, b"{")]))
+    (tmp_path / "params.yaml").write_text("experiments: {}\nimported: {}\n")
     status, _, err = run(capsys, monkeypatch, "new", "arm", "a.mcap", "--yes")
     assert (status, err.count("\n")) == (1, 1)
     assert "a.mcap: there is nothing in the files that could be imported (Expecting property name" in err

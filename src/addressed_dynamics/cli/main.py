@@ -13,7 +13,7 @@ import typer
 from rich.console import Console, RenderableType
 
 from addressed_dynamics.base.errors import AddressedDynamicsError, ParamsError
-from addressed_dynamics.base.params.editing import add_experiment, remove_experiment
+from addressed_dynamics.base.params.editing import add_experiment, check_free, remove_experiment
 from addressed_dynamics.cli.import_view import assessment_view, look_view, proposal_view
 from addressed_dynamics.cli.inspection import Inspection, inspect_file, is_of_logs, log_files
 from addressed_dynamics.cli.new import (
@@ -169,6 +169,7 @@ def new(
     file: Annotated[Path, typer.Option("--params", help="The params file.")] = Path("params.yaml"),
 ) -> None:
     """Make an experiment of somebody's logs: look at them, write its section into the params file, say what is next."""
+    check_free(file, name, MAPPINGS)  # to look at many logs takes a while
     console = _console()
     found = find_logs(paths)
     recorded = recorded_logs(found)

@@ -6,7 +6,7 @@ import errno
 import os
 import re
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -37,14 +37,7 @@ def add_experiment(path: Path, name: str, entries: Mapping[str, str], section: s
     """
     text, crlf = _text(path)
     before = parse_params(path, text)
-    if not NAME.fullmatch(name):
-        message = f"'{name}' cannot be the name of an experiment; give letters, digits, - and _, a letter first"
-        raise ParamsError(message)
-    named = any(name in (before.get(mapping) or {}) for mapping in entries)
-    if name in before or named:
-        undo = f", or 'addressed-dynamics remove {name}'" if named else ""
-        message = f"{path}: there is a '{name}' in it already; give another name{undo}"
-        raise ParamsError(message)
+    _check_free(path, before, name, entries)
     lines = text.rstrip("\n").split("\n")
     for mapping, value in entries.items():
         _insert(path, lines, mapping, f"{name}: {value}")
@@ -54,6 +47,26 @@ def add_experiment(path: Path, name: str, entries: Mapping[str, str], section: s
                              for mapping, value in entries.items()}}  # fmt: skip
     _check(path, {key: value for key, value in after.items() if key != name}, expected)
     _write(path, body, crlf=crlf)
+
+
+def check_free(path: Path, name: str, mappings: Iterable[str]) -> None:
+    """Refuse a name that `add_experiment` would refuse, before there is anything to add.
+
+    Raises:
+        ParamsError: the name is no name or is taken, or the file cannot be read.
+    """
+    _check_free(path, parse_params(path, _text(path)[0]), name, mappings)
+
+
+def _check_free(path: Path, before: Mapping[str, Any], name: str, mappings: Iterable[str]) -> None:
+    if not NAME.fullmatch(name):
+        message = f"'{name}' cannot be the name of an experiment; give letters, digits, - and _, a letter first"
+        raise ParamsError(message)
+    named = any(name in (before.get(mapping) or {}) for mapping in mappings)
+    if name in before or named:
+        undo = f", or 'addressed-dynamics remove {name}'" if named else ""
+        message = f"{path}: there is a '{name}' in it already; give another name{undo}"
+        raise ParamsError(message)
 
 
 def remove_experiment(path: Path, name: str, mappings: tuple[str, ...], *, of_anybody: bool = False) -> None:
