@@ -18,6 +18,8 @@ PATIENCE = 240.0
 """Seconds after which a command that does not end is taken for one that hangs."""
 SCANS, PAUSE = 3, 0.02
 """So often in a row, and so many seconds apart, no process must be found before all are taken for ended."""
+SETTLED = 1.0
+"""So many seconds after its begin a command works in its folder; before, what was forked for it may yet come there."""
 
 _BAR = re.compile(r"[\w ]+: [^\[\n]*\[\d\d:\d\d[^\]]*\]")
 _TRACKER = re.compile(
@@ -164,8 +166,14 @@ class Command:
 
     def kill(self) -> None:
         """Kill it with all that it started, as if the machine lost its power."""
-        kill_all(self.clone)
+        while kill_all(self.clone) or self.seconds < SETTLED:
+            time.sleep(PAUSE)
         self._process.wait()
+
+
+def has_begun(log: str) -> bool:
+    """Say whether DVC has begun to run a stage: before, it may be removing what it made last time."""
+    return "> python -m pipeline." in log
 
 
 def shows_traceback(log: str) -> bool:
