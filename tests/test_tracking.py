@@ -564,6 +564,18 @@ def experiment_tags(root: Path, experiment: str) -> dict[str, str]:
     return dict(client(root).get_experiment_by_name(experiment).tags)
 
 
+def test_what_mlflow_says_of_the_metrics_of_the_machine_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    from mlflow.system_metrics.system_metrics_monitor import SystemMetricsMonitor
+
+    prepare_mlflow()
+    said, handler = list[str](), logging.Handler()
+    monkeypatch.setattr(handler, "emit", lambda record: said.append(record.getMessage()))
+    logger = logging.getLogger(SystemMetricsMonitor.__module__)
+    monkeypatch.setattr(logger, "handlers", [handler])
+    logger.warning("Failed to get mlflow run: database is locked\n[SQL: SELECT runs.run_uuid\nFROM runs]")
+    assert said == ["Failed to get mlflow run: database is locked"]
+
+
 def test_the_verdict_describes_the_run_of_the_pipeline_and_the_experiment(store: Path) -> None:
     write_params(store, "concludes")
     digest = write_output(store / "seed-0")

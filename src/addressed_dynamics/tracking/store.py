@@ -176,6 +176,13 @@ def prepare_mlflow() -> None:
     logging.getLogger("alembic").setLevel(logging.WARNING)
     # Shows a traceback of sixty lines for what it raises as well, and what a run then says in one.
     logging.getLogger("mlflow.store.db.utils").setLevel(logging.CRITICAL)
+    # Has eight lines of what the database says where it cannot keep the machine's metrics.
+    logging.getLogger("mlflow.system_metrics.system_metrics_monitor").addFilter(_first_line)
+
+
+def _first_line(record: logging.LogRecord) -> bool:
+    record.msg = str(record.msg).partition("\n")[0]
+    return True
 
 
 @contextmanager
