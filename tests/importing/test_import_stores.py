@@ -1,13 +1,15 @@
 """Files in an object store make the logs that the same files make here; what the store refuses is one line."""
 
+import gzip
 import json
+import os
 import socket
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import nullcontext
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import fsspec
 import polars
@@ -16,9 +18,10 @@ from foreign_logs import SECOND, json_log, save, source, states_and_commands
 from foreign_tables import TABLE
 from fsspec.implementations.memory import MemoryFileSystem
 
-from addressed_dynamics.base.errors import AddressedDynamicsError
+from addressed_dynamics.base.errors import AddressedDynamicsError, LogError
 from addressed_dynamics.importing import import_logs, importer
 from addressed_dynamics.importing.assessing import assess
+from addressed_dynamics.importing.stores import copy, find_remote
 
 STORE = "memory://fleet/logs/*.mcap"
 
@@ -54,16 +57,40 @@ def imported(folder: str, cores: int = 1, **changes: Any) -> dict[str, bytes] | 
 
 
 class Served(SimpleHTTPRequestHandler):
-    """Files of the current folder; those below `busy` cannot be had now, and those below `shut` by nobody."""
+    """Files of the current folder, each the way that the name of the folder above says."""
+
+    protocol_version = "HTTP/1.1"
+    refusals: ClassVar = {"busy": 503, "shut": 403}
 
     def do_GET(self) -> None:
-        refusals = {"busy": 503, "shut": 403}
-        if refused := refusals.get(self.path.split("/")[1]):
-            self.send_error(refused)
-        else:
-            super().do_GET()
+        self._serve(super().do_GET)
 
-    do_HEAD = do_GET
+    def do_HEAD(self) -> None:
+        self._serve(super().do_HEAD)
+
+    def _serve(self, as_it_is: Callable[[], None]) -> None:
+        _, way, *_ = self.path.split("/")
+        path = Path("logs", Path(self.path).name)
+        if way in self.refusals:
+            self.send_error(self.refusals[way])
+        elif way == "packed" and "gzip" in self.headers.get("Accept-Encoding", ""):
+            self._answer(gzip.compress(path.read_bytes())[:-20], {"Content-Encoding": "gzip"})
+        elif way in {"packed", "unsized"}:
+            self._answer(path.read_bytes(), {}, sized=way == "packed")
+        else:
+            as_it_is()
+            if way == "moving" and self.command == "GET":
+                os.utime(self.path[1:], (1, 1))
+
+    def _answer(self, body: bytes, headers: dict[str, str], *, sized: bool = True) -> None:
+        self.send_response(200)
+        for name, value in (
+            headers | ({"Content-Length": str(len(body))} if sized else {"Connection": "close"})
+        ).items():
+            self.send_header(name, value)
+        self.end_headers()
+        if self.command == "GET":
+            self.wfile.write(body)
 
     def log_message(self, *_: object) -> None:
         pass
@@ -80,15 +107,16 @@ def web() -> Iterator[str]:
         thread.join()
 
 
-@pytest.mark.parametrize("names", [("*",), ("run_0", "run_1")])
-def test_files_of_a_web_server_make_the_logs_of_the_same_files(web: str, names: tuple[str, ...]) -> None:
+@pytest.mark.parametrize("way", ["logs", "packed"])
+def test_files_of_a_web_server_make_the_logs_of_the_same_files(web: str, way: str) -> None:
     save(Path(), **two_logs())
-    there = imported("there", files=[f"{web}/logs/{name}.mcap" for name in names])
-    here = imported("here", files=[f"logs/{name}.mcap" for name in names])
-    assert isinstance(there, dict)
+    names = ("run_0.mcap", "run_1.mcap")
+    there = imported("there", files=[f"{web}/{way}/{name}" for name in names])
+    here = imported("here", files=[f"logs/{name}" for name in names])
+    assert isinstance(there, dict), there
     assert isinstance(here, dict)
-    account = json.loads(there.pop("import.json").replace(f"{web}/".encode(), b""))
-    assert list(account.pop("copied")) == ["logs/run_0.mcap", "logs/run_1.mcap"]
+    account = json.loads(there.pop("import.json").replace(f"{web}/{way}".encode(), b"logs"))
+    assert list(account.pop("copied")) == [f"logs/{name}" for name in names]
     assert account == json.loads(here.pop("import.json"))
     assert there == here
 
@@ -97,11 +125,11 @@ def test_files_of_a_web_server_make_the_logs_of_the_same_files(web: str, names: 
     ("place", "words"),
     [
         ("logs/none.mcap", "no object matches"),
-        ("none/*.mcap", "no object matches"),
         ("busy/run_0.mcap", "the store cannot be asked (ClientResponseError 503)"),
-        ("busy/*.mcap", "the store cannot be asked (ClientResponseError 503)"),
         ("shut/run_0.mcap", "the store cannot be asked (ClientResponseError 403)"),
-        ("shut/*.mcap", "the store cannot be asked (ClientResponseError 403)"),
+        ("unsized/run_0.mcap", "the store does not say how long the object is"),
+        ("logs/*.mcap", "a web server does not say reliably which files it has; name each of them"),
+        ("logs/run_0.mcap#1", "without a query or a fragment"),
     ],
 )
 def test_a_web_server_that_refuses_is_told_from_one_without_the_file(web: str, place: str, words: str) -> None:
@@ -109,11 +137,28 @@ def test_a_web_server_that_refuses_is_told_from_one_without_the_file(web: str, p
     assert words in str(imported("out", files=[f"{web}/{place}"]))
 
 
-@pytest.mark.parametrize("name", ["run_0.mcap", "*.mcap"])
-def test_a_web_server_that_is_not_there_is_one_line(name: str) -> None:
+def test_a_web_server_that_gets_busy_is_told_from_one_that_lost_the_file(
+    web: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    save(Path(), **two_logs())
+    found = find_remote(f"{web}/logs/run_0.mcap", Path())
+    monkeypatch.setattr(Served, "refusals", {"logs": 503})
+    with pytest.raises(LogError, match=r"the store cannot be asked \(ClientResponseError 503\)"):
+        copy(found[0])
+
+
+def test_a_file_that_changes_on_a_web_server_while_it_is_copied_is_refused(web: str) -> None:
+    """Python's own server says when a file changed, and nothing else."""
+    save(Path(), **two_logs())
+    Path("logs").rename("moving")
+    message = str(imported("out", files=[f"{web}/moving/run_0.mcap"]))
+    assert "run_0.mcap: the object changed while it was copied" in message
+
+
+def test_a_web_server_that_is_not_there_is_one_line() -> None:
     with socket.socket() as taken:  # bound, and nobody listens
         taken.bind(("127.0.0.1", 0))
-        message = str(imported("out", files=[f"http://127.0.0.1:{taken.getsockname()[1]}/{name}"]))
+        message = str(imported("out", files=[f"http://127.0.0.1:{taken.getsockname()[1]}/run_0.mcap"]))
     assert "see that the store can be reached" in message
     assert "\n" not in message
 
@@ -218,6 +263,7 @@ def test_an_object_that_changes_while_it_is_copied_is_refused(
         ("sftp://me:SECRET@host/a.mcap", "a URL of 'sftp' has a password in it; take it out"),
         ("https://host/a.mcap?X-Amz-Signature=SECRET", "'https://host/a.mcap' should be the URL of files in one store"),
         ("memory://a::memory://b", "should be the URL of files in one store"),
+        ("file:///fleet/a.mcap", "is no object in a store; give the path alone, without 'file://'"),
     ],
 )
 def test_what_is_no_url_of_objects_is_one_line(url: str, words: str) -> None:
@@ -226,10 +272,18 @@ def test_what_is_no_url_of_objects_is_one_line(url: str, words: str) -> None:
     assert "SECRET" not in message
 
 
-def test_an_object_does_not_get_out_of_its_folder(monkeypatch: pytest.MonkeyPatch) -> None:
-    found = {"/fleet/logs/../../../../escaped.mcap": {"type": "file", "size": 1}}
+@pytest.mark.parametrize("name", ["/fleet/logs/../../../../escaped.mcap", "/fleet/logs//run_0.mcap"])
+def test_an_object_does_not_get_out_of_its_folder_nor_into_anothers_place(
+    monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    found = {name: {"type": "file", "size": 1}}
     monkeypatch.setattr(MemoryFileSystem, "glob", lambda *_, **__: found)
     assert "which is no path" in str(imported("out", files=[STORE]))
+
+
+def test_a_store_may_be_named_in_capitals(store: MemoryFileSystem) -> None:
+    keep(store, **two_logs())
+    assert isinstance(imported("out", files=[STORE.replace("memory", "MEMORY")]), dict)
 
 
 def test_a_look_at_what_is_in_a_store_is_refused() -> None:

@@ -10,9 +10,9 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any, TypeVar
 
 from addressed_dynamics.base.errors import LogError, ParamsError
@@ -22,10 +22,18 @@ COPIES = ".copies.partial"
 """Folder of the copies among the logs that an import writes, while it lasts."""
 MOST_AT_ONCE = 8
 """Objects that a process copies at the same time: to ask for one takes longer than to send a small one."""
-VERSIONS = ("ETag", "etag", "md5Hash", "content_md5", "md5", "version_id", "mtime", "LastModified", "created")
+VERSIONS = (
+    "ETag", "etag", "md5Hash", "content_md5", "Content-MD5", "Digest", "md5", "version_id", "mtime", "LastModified",
+    "Last-Modified", "created",
+)  # fmt: skip
 """What stores say of an object that changes with its contents; the first that one says counts."""
 
 Answer = TypeVar("Answer")
+WEB = ("http", "https")
+HERE = ("file", "local")
+IDENTITY = {"Accept-Encoding": "identity"}
+"""Asks a web server for a file as it is: one that is packed on the way is taken for whole where it breaks off."""
+
 _WILDCARD = re.compile(r"[*?\[]")
 _URL = re.compile(r"(?P<scheme>[A-Za-z][A-Za-z0-9+.-]*)://(?P<place>.*)", re.DOTALL)
 
@@ -58,8 +66,8 @@ def find_remote(pattern: str, folder: Path) -> list[Remote]:
     for name, about in sorted(found.items()):
         if about.get("type") == "directory":
             continue
-        path = PurePosixPath(str(name).removeprefix(f"{scheme}://").lstrip("/"))
-        if ".." in path.parts:
+        path = str(name).removeprefix(f"{scheme}://").lstrip("/")
+        if {"", ".", ".."} & {*path.split("/")}:
             message = f"{pattern}: an object there is called '{name}', which is no path; give it another name"
             raise LogError(message)
         remote.append(Remote(f"{scheme}://{path}", folder / COPIES / scheme / path, int(about.get("size") or 0)))
@@ -97,7 +105,10 @@ def copy(remote: Remote) -> dict[str, Any]:
         size = temporary.stat().st_size
         after = _ask(remote.url, _info)
         version = _version(about)
-        if about.get("size") not in {None, size} or _version(after) != version:
+        if about.get("size") is None:
+            message = f"{remote.url}: the store does not say how long the object is, so that a part would pass for it"
+            raise LogError(message)
+        if size != about["size"] or _version(after) != version:
             message = f"{remote.url}: the object changed while it was copied ({size} bytes); import again"
             raise LogError(message)
     return {"bytes": size} | ({} if version is None else {"version": version})
@@ -127,9 +138,15 @@ def _scheme(url: str) -> str:
     if at and ":" in user:
         message = f"source.files: a URL of '{scheme}' has a password in it; take it out, and say it in the environment"
         raise ParamsError(message)
-    if "::" in url or "://" in place or (scheme in ("http", "https") and "?" in place):
-        shown = url.partition("?")[0]
-        message = f"source.files: '{shown}' should be the URL of files in one store, without a query"
+    shown = re.split("[?#]", url)[0]
+    if "::" in url or "://" in place or (scheme in WEB and shown != url):
+        message = f"source.files: '{shown}' should be the URL of files in one store, without a query or a fragment"
+        raise ParamsError(message)
+    if scheme in WEB and _WILDCARD.search(place):
+        message = f"source.files: '{shown}': a web server does not say reliably which files it has; name each of them"
+        raise ParamsError(message)
+    if scheme in HERE:
+        message = f"source.files: '{url}' is no object in a store; give the path alone, without '{scheme}://'"
         raise ParamsError(message)
     return scheme
 
@@ -148,7 +165,8 @@ def _ask(url: str, question: Callable[[Any, str], Answer]) -> Answer:
         message = f"{url}: fsspec knows no store of the kind '{scheme}'; correct the 'files' of the source"
         raise LogError(message)
     try:
-        return question(*fsspec.url_to_fs(url))
+        options = {"client_kwargs": {"headers": IDENTITY}} if scheme in WEB else {}
+        return question(*fsspec.url_to_fs(scheme + url[len(scheme) :], **options))
     except ImportError as error:
         message = f"{url}: to read from '{scheme}', install what fsspec needs for it ({_plain(error)})"
         raise LogError(message) from error
@@ -171,19 +189,28 @@ def _ask(url: str, question: Callable[[Any, str], Answer]) -> Answer:
 
 
 def _found(store: Any, pattern: str) -> dict[str, dict[str, Any]]:
-    """Return what a store says of the objects that match a pattern."""
+    """Return what a store says of the objects that match a pattern; a web server knows no patterns."""
     store.invalidate_cache()
-    found: dict[str, dict[str, Any]] = store.glob(pattern, detail=True)
-    if not found and not _WILDCARD.search(pattern):
-        # For fsspec's HTTP an object is not there, too, if its server is down or refuses; to read it says which.
-        with suppress(FileNotFoundError):
-            store.cat_file(pattern, start=0, end=1)
-    return found
+    if "http" not in store.protocol:
+        found: dict[str, dict[str, Any]] = store.glob(pattern, detail=True)
+        return found
+    try:
+        return {pattern: _info(store, pattern)}
+    except FileNotFoundError:
+        return {}
 
 
 def _info(store: Any, place: str) -> dict[str, Any]:
+    """Return what a store says of an object.
+
+    For fsspec's HTTP an object is not there, too, if its server is down or refuses; to read of it says which.
+    """
     store.invalidate_cache()  # what it said when it was listed may be of another version
-    about: dict[str, Any] = store.info(place)
+    try:
+        about: dict[str, Any] = store.info(place)
+    except FileNotFoundError:
+        store.cat_file(place, start=0, end=1)
+        raise
     return about
 
 
