@@ -79,6 +79,7 @@ def test_what_somebody_wrote_is_removed_on_request_alone(tmp_path: Path) -> None
         ("experiments: {}\nimported: {arm: x}\n", "arm", "there is a 'arm' in it already"),
         ("experiments: {}\n", "arm", "'imported' in it is not a mapping with a line for each entry"),
         ("experiments: &x\n  a: 1\nimported: {}\n", "arm", "'experiments' in it is not a mapping"),
+        ("experiments: 3\nimported: {}\n", "arm", "'experiments' in it is not a mapping"),
         ("- 1\n", "arm", "is a mapping of sections, but this one holds list"),
         ("a: [\n", "arm", "not a YAML file"),
     ],

@@ -62,11 +62,19 @@ def _check_free(path: Path, before: Mapping[str, Any], name: str, mappings: Iter
     if not NAME.fullmatch(name):
         message = f"'{name}' cannot be the name of an experiment; give letters, digits, - and _, a letter first"
         raise ParamsError(message)
-    named = any(name in (before.get(mapping) or {}) for mapping in mappings)
+    named = any(name in _entries(path, before, mapping) for mapping in mappings)
     if name in before or named:
         undo = f", or 'addressed-dynamics remove {name}'" if named else ""
         message = f"{path}: there is a '{name}' in it already; give another name{undo}"
         raise ParamsError(message)
+
+
+def _entries(path: Path, before: Mapping[str, Any], mapping: str) -> Mapping[str, Any]:
+    entries = before.get(mapping) or {}
+    if not isinstance(entries, Mapping):
+        message = f"{path}: '{mapping}' in it is not a mapping with a line for each entry; mend it by hand"
+        raise ParamsError(message)
+    return entries
 
 
 def remove_experiment(path: Path, name: str, mappings: tuple[str, ...], *, of_anybody: bool = False) -> None:
@@ -85,7 +93,7 @@ def remove_experiment(path: Path, name: str, mappings: tuple[str, ...], *, of_an
     before = parse_params(path, text)
     lines = text.split("\n")
     start = next((place for place, line in enumerate(lines) if re.match(rf"{re.escape(name)}\s*:", line)), None)
-    named = any(name in (before.get(mapping) or {}) for mapping in mappings)
+    named = any(name in _entries(path, before, mapping) for mapping in mappings)
     if start is None or not (named or MARK in lines[start]):
         message = f"{path}: there is no experiment '{name}' in it"
         raise ParamsError(message)
