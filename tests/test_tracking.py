@@ -629,6 +629,20 @@ def test_a_password_of_the_server_does_not_get_into_links(monkeypatch: pytest.Mo
     assert link.startswith("https://runs.example:8443/mlflow/#/experiments/7/runs/r")
 
 
+@pytest.mark.usefixtures("project")
+def test_a_password_of_the_server_is_not_said(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(runs, "_lost", {})
+    address = f"127.0.0.1:{free_port()}"
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", f"http://user:secret@{address}")
+    with tracking.run(stage="s", experiment="e", name="n", params={}) as run:
+        assert run.id is None
+    (said,) = [record.getMessage() for record in caplog.records if record.name == tracking.__name__]
+    assert f"http://{address}" in said
+    assert "secret" not in caplog.text
+
+
 def free_port() -> int:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))

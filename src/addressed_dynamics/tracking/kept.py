@@ -12,7 +12,7 @@ from typing import Any, final
 
 from addressed_dynamics.base.errors import TrackingError
 from addressed_dynamics.tracking.parents import PARENT_TAG
-from addressed_dynamics.tracking.store import find_store, no_foreign_warnings, open_client
+from addressed_dynamics.tracking.store import find_store, no_foreign_warnings, open_client, without_password
 
 _SHOWN = 5
 """So many runs of the same name are listed."""
@@ -77,7 +77,7 @@ def find_run(name: str) -> KeptRun | None:
         raise TrackingError(message) from error
     except Exception as error:  # MLflow, its database driver and its HTTP client each raise their own kinds
         reason = (str(error).strip() or type(error).__name__).splitlines()[0]
-        message = f"the runs in MLflow cannot be read ({reason})"
+        message = f"the runs in MLflow cannot be read ({without_password(reason)})"
         raise TrackingError(message) from error
 
 

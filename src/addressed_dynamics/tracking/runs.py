@@ -47,6 +47,7 @@ from addressed_dynamics.tracking.store import (
     no_foreign_warnings,
     open_client,
     ui_base,
+    without_password,
 )
 from addressed_dynamics.tracking.views import run_path, verdict_tags
 
@@ -481,4 +482,5 @@ def _warn(what: str, error: Exception) -> None:
     lines = (str(error).strip() or type(error).__name__).splitlines()
     # SQLAlchemy begins with how it came to write before it says what the database said.
     reason = next((line for line in lines if not line.startswith("(raised as a result of")), lines[0])
-    _log.warning("MLflow: %s (%s); going on without tracking, the figures are still in data/figures", what, reason)
+    said = without_password(reason)
+    _log.warning("MLflow: %s (%s); going on without tracking, the figures are still in data/figures", what, said)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import logging
 import os
+import re
 import sqlite3
 import warnings
 from collections.abc import Iterator
@@ -79,6 +80,11 @@ def ui_base(store: Store) -> str:
         return f"http://127.0.0.1:{UI_PORT}"
     host = address.netloc.rpartition("@")[2]
     return urlunsplit((address.scheme, host, address.path.rstrip("/"), "", ""))
+
+
+def without_password(said: str) -> str:
+    """Return what an error says without who asks, which stands in the addresses of some servers."""
+    return re.sub(r"//[^/@\s]*@", "//", said)
 
 
 def open_client(store: Store) -> Any:
