@@ -104,7 +104,7 @@ def rows(found: Soak) -> list[dict[str, Any]]:
             "faults": len(tally.faults), "left": dict(tally.left), "dvc": dict(tally.dvc), "said": dict(tally.said),
         }
         for (name, kind), tally in found.tallies.items()
-        if tally.disturbed
+        if tally.disturbed or tally.faults
     ]  # fmt: skip
 
 
@@ -180,6 +180,8 @@ def main() -> None:
     )
     if options.figures:
         keep(options.figures, table, options.seed)
+    if any(each["faults"] for each in table):
+        sys.exit(f"there are faults; {options.folder / 'faults.txt'} says which")
 
 
 if __name__ == "__main__":

@@ -23,8 +23,8 @@ SETTLED = 1.0
 
 _BAR = re.compile(r"[\w ]+: [^\[\n]*\[\d\d:\d\d[^\]]*\]")
 _TRACKER = re.compile(
-    r'Traceback \(most recent call last\):\n  File "[^"\n]*/multiprocessing/resource_tracker\.py".*?\nKeyError: [^\n]*',
-    re.DOTALL,
+    r'Traceback \(most recent call last\):\n  File "[^"\n]*/multiprocessing/resource_tracker\.py"[^\n]*\n'
+    r"(?:    [^\n]*\n)+KeyError: [^\n]*"
 )
 _EXPECTED = re.compile(
     r"Running stage|> python -m|Generating lock file|Updating lock file|To track the changes|\tgit add|"

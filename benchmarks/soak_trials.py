@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
-from soak_commands import PAUSE, Command, commands_in, has_begun, remarks, shows_traceback, stopped
+from soak_commands import PATIENCE, PAUSE, Command, commands_in, has_begun, remarks, shows_traceback, stopped
 from soak_mlflow import SERVER, WAYS, Server, taken_away
 from soak_projects import (
     State,
@@ -212,17 +212,18 @@ class Soak:
 
     def kill_alone(self, step: Step, count: int, kind: str, victims: Callable[[Path], Sequence[int]]) -> Iterator[None]:
         """Kill one of some processes of a stage, and no other, so many times, if it has any."""
-        tally = self.tally(step, kind)
+        tally, met = self.tally(step, kind), False
         while tally.disturbed < count:
             clone = self.begin(step)
             command = self.start(step, ADDRESSED_DYNAMICS_PROCESSES="2")
             if not command.has_ended(math.inf, partial(victims, clone)):
+                met = True
                 command.has_ended(command.seconds + self.draw.random() * 0.5 * max(self.seconds[step][-3:]))
             if found := victims(clone):
                 with suppress(ProcessLookupError):
                     os.kill(self.draw.choice(found), signal.SIGKILL)
                     tally.disturbed += 1
-            elif not tally.disturbed:
+            elif not met:
                 command.status()
                 return
             status = command.status()
@@ -253,8 +254,11 @@ class Soak:
             tally.disturbed += 1
             again = self.start(step, warm=False)
             status = again.wait()
-            while commands_in(clone, "-m pipeline."):
+            end = time.monotonic() + PATIENCE
+            while (left := commands_in(clone, "-m pipeline.")) and time.monotonic() < end:
                 time.sleep(PAUSE)
+            if left:
+                self.fault(tally, f"{step}: an orphan hangs", command)
             for each in (command, again):
                 tally.said += remarks(each.log, step.experiment)
             lines = [line for line in again.log.splitlines() if line.startswith("error: ")]
