@@ -218,7 +218,8 @@ class Soak:
             command = self.start(step, ADDRESSED_DYNAMICS_PROCESSES="2")
             if not command.has_ended(math.inf, partial(victims, clone)):
                 met = True
-                command.has_ended(command.seconds + self.draw.random() * 0.5 * max(self.seconds[step][-3:]))
+                # Mostly soon, for workers may last for a moment only.
+                command.has_ended(command.seconds + self.draw.random() ** 4 * 0.5 * max(self.seconds[step][-3:]))
             if found := victims(clone):
                 with suppress(ProcessLookupError):
                     os.kill(self.draw.choice(found), signal.SIGKILL)

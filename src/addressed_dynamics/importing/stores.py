@@ -57,7 +57,7 @@ def find_remote(pattern: str, folder: Path) -> list[Remote]:
     """Return the objects in a store that match a pattern; their copies go to a folder.
 
     Raises:
-        ParamsError: the URL has a password in it, or several in one.
+        ParamsError: the URL has a password in it, is several in one or a path, or has a wildcard for a web server.
         LogError: the store cannot be asked, refuses, or has no such object.
     """
     scheme = _scheme(pattern)
@@ -129,7 +129,7 @@ def _scheme(url: str) -> str:
     """Return which store a URL is of.
 
     Raises:
-        ParamsError: it has a password in it, or is several in one; nothing secret is in what is said.
+        ParamsError: as in `find_remote`; nothing secret is in what is said.
     """
     found = _URL.fullmatch(url)
     assert found is not None
