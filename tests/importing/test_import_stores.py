@@ -100,7 +100,7 @@ class Served(SimpleHTTPRequestHandler):
 def web() -> Iterator[str]:
     """The address of a web server for the current folder."""
     with ThreadingHTTPServer(("127.0.0.1", 0), Served) as server:
-        thread = threading.Thread(target=server.serve_forever)
+        thread = threading.Thread(target=server.serve_forever, args=(0.01,))
         thread.start()
         yield f"http://127.0.0.1:{server.server_port}"
         server.shutdown()
