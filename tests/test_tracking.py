@@ -635,7 +635,7 @@ def test_a_password_of_the_server_is_not_said(
 ) -> None:
     monkeypatch.setattr(runs, "_lost", {})
     address = f"127.0.0.1:{free_port()}"
-    monkeypatch.setenv("MLFLOW_TRACKING_URI", f"http://user:secret@{address}")
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", f"http://user:secret@secret@{address}")
     with tracking.run(stage="s", experiment="e", name="n", params={}) as run:
         assert run.id is None
     (said,) = [record.getMessage() for record in caplog.records if record.name == tracking.__name__]

@@ -84,7 +84,7 @@ def ui_base(store: Store) -> str:
 
 def without_password(said: str) -> str:
     """Return what an error says without who asks, which stands in the addresses of some servers."""
-    return re.sub(r"//[^/@\s]*@", "//", said)
+    return re.sub(r"//[^/\s]*@", "//", said)
 
 
 def open_client(store: Store) -> Any:
