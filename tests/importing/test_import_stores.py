@@ -74,20 +74,21 @@ class Served(SimpleHTTPRequestHandler):
         if way in self.refusals:
             self.send_error(self.refusals[way])
         elif way == "packed" and "gzip" in self.headers.get("Accept-Encoding", ""):
-            self._answer(gzip.compress(path.read_bytes())[:-20], {"Content-Encoding": "gzip"})
-        elif way in {"packed", "unsized"}:
-            self._answer(path.read_bytes(), {}, sized=way == "packed")
+            body = gzip.compress(path.read_bytes())[:-20]
+            self._answer(body, {"Content-Encoding": "gzip", "Content-Length": len(body)})
+        elif way == "packed":
+            self._answer(path.read_bytes(), {"Content-Length": path.stat().st_size})
+        elif way == "unsized":
+            self._answer(path.read_bytes(), {"Connection": "close"})
         else:
             as_it_is()
             if way == "moving" and self.command == "GET":
                 os.utime(self.path[1:], (1, 1))
 
-    def _answer(self, body: bytes, headers: dict[str, str], *, sized: bool = True) -> None:
+    def _answer(self, body: bytes, headers: dict[str, str | int]) -> None:
         self.send_response(200)
-        for name, value in (
-            headers | ({"Content-Length": str(len(body))} if sized else {"Connection": "close"})
-        ).items():
-            self.send_header(name, value)
+        for name, value in headers.items():
+            self.send_header(name, str(value))
         self.end_headers()
         if self.command == "GET":
             self.wfile.write(body)

@@ -27,13 +27,14 @@ VERSIONS = (
     "Last-Modified", "created",
 )  # fmt: skip
 """What stores say of an object that changes with its contents; the first that one says counts."""
-
-Answer = TypeVar("Answer")
 WEB = ("http", "https")
+"""Kinds of stores that have no list of what is in them."""
 HERE = ("file", "local")
+"""What fsspec calls the files of this machine."""
 IDENTITY = {"Accept-Encoding": "identity"}
 """Asks a web server for a file as it is: one that is packed on the way is taken for whole where it breaks off."""
 
+Answer = TypeVar("Answer")
 _WILDCARD = re.compile(r"[*?\[]")
 _URL = re.compile(r"(?P<scheme>[A-Za-z][A-Za-z0-9+.-]*)://(?P<place>.*)", re.DOTALL)
 
@@ -61,7 +62,7 @@ def find_remote(pattern: str, folder: Path) -> list[Remote]:
         LogError: the store cannot be asked, refuses, or has no such object.
     """
     scheme = _scheme(pattern)
-    found = _ask(pattern, _found)
+    found = _ask(pattern, _named if scheme in WEB else _matching)
     remote = []
     for name, about in sorted(found.items()):
         if about.get("type") == "directory":
@@ -188,14 +189,17 @@ def _ask(url: str, question: Callable[[Any, str], Answer]) -> Answer:
         raise LogError(message) from error
 
 
-def _found(store: Any, pattern: str) -> dict[str, dict[str, Any]]:
-    """Return what a store says of the objects that match a pattern; a web server knows no patterns."""
+def _matching(store: Any, pattern: str) -> dict[str, dict[str, Any]]:
+    """Return what a store says of the objects that match a pattern."""
     store.invalidate_cache()
-    if "http" not in store.protocol:
-        found: dict[str, dict[str, Any]] = store.glob(pattern, detail=True)
-        return found
+    found: dict[str, dict[str, Any]] = store.glob(pattern, detail=True)
+    return found
+
+
+def _named(store: Any, place: str) -> dict[str, dict[str, Any]]:
+    """Return what a store says of the one object that is named, if it is there."""
     try:
-        return {pattern: _info(store, pattern)}
+        return {place: _info(store, place)}
     except FileNotFoundError:
         return {}
 
